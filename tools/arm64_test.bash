@@ -133,7 +133,7 @@ make_root() {
 find_places() {
   read -r environment package < <(cd "$root" && "$venv/bin/python" -c '
 from airrace.common.files import digest
-from airrace.hitl.companion.checkout import LOCK, checkout_path, source_digest
+from airrace.hitl.companion.set_up import LOCK, checkout_path, source_digest
 root = checkout_path()
 print(digest(root / LOCK), source_digest(root))')
   environment=/root/.cache/airrace/environments/$environment

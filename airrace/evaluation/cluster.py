@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import logging
+import os
 import pickle
 import re
 import signal
@@ -15,6 +16,8 @@ import dask
 from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
 
 from airrace.common.errors import UserError, words
+from airrace.common.interrupts import interrupts_held
+from airrace.evaluation.store import RaceStore
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import fly, stop_races
 
@@ -73,8 +76,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
 def running_cluster(address: str) -> Iterator[Client]:
     """Connects to a scheduler, and yields a client.
 
-    Raises:
-        UserError: if it cannot be reached or has no workers.
+    Raises UserError if it cannot be reached or has no workers.
     """
     if not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d{1,5}", address):
         raise UserError(f"--scheduler must be tcp://HOST:PORT, not '{address}'.")
@@ -97,13 +99,61 @@ def running_cluster(address: str) -> Iterator[Client]:
         yield client
 
 
+def fly_missing(
+    jobs: "Sequence[Job]",
+    store: RaceStore,
+    options: tuple[int | None, str | None],
+    show: Callable[[dict], object],
+    *,
+    systems: dict,
+    keep: Callable[[dict], dict] = lambda row: row,
+    fly: Callable[[Any, str], dict] = fly,
+    live: contextlib.AbstractContextManager = contextlib.nullcontext(),
+) -> str | None:
+    """Flies the races that a store lacks; returns why they were ended early, or None.
+
+    Args:
+        options: --workers (by default, one a processor) and --scheduler (None: on this computer).
+        show: called with the row of each race that has ended.
+        systems: of the scenario.
+        keep: from a row to what of it is stored.
+        fly: see fly_races().
+        live: the block in which they fly.
+
+    Raises:
+        UserError: if there is no cluster, a worker has other versions, or a file cannot be written.
+    """
+    workers, scheduler = options
+
+    def ended(row):
+        with interrupts_held():
+            kept = keep(row)
+            store.append(kept)
+        show(kept)
+
+    missing = [job for job in jobs if job.key not in store.keys]
+    if not missing:
+        return None
+    if scheduler is not None:
+        connection = running_cluster(scheduler)
+    else:
+        connection = local_cluster(workers or os.cpu_count() or 1)
+    try:
+        with connection as client:
+            check_workers(client, missing[0].versions, systems)
+            with live:
+                fly_races(client, missing, ended, fly)
+    except KeyboardInterrupt:
+        return "interrupted"
+    except EvaluationStopped as e:
+        return str(e)
+    return None
+
+
 def check_workers(client: Client, expected: dict, systems: dict) -> None:
     """Raises UserError if a worker has another airrace or other libraries.
 
-    Args:
-        client: of the cluster.
-        expected: versions() of this process.
-        systems: of the scenario.
+    Args: expected: versions() of this process.
     """
     for worker, actual in client.run(versions, systems, on_error="return").items():
         if isinstance(actual, BaseException):
@@ -125,6 +175,10 @@ class Job(Protocol):
     def key(self) -> int | str:
         """What tells it from the others; its row has the key."""
 
+    @property
+    def versions(self) -> dict:
+        """Those that it is to be flown with."""
+
     def describe(self) -> str:
         """Returns what it is called in a sentence."""
 
@@ -141,8 +195,6 @@ def fly_races(
     the races that are still in the air are ended too.
 
     Args:
-        client: of the cluster.
-        jobs: the races.
         ended: called once for every race with its row; see fly().
         fly: a function that flies one: worker.fly(), or another with its arguments.
 

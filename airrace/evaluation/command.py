@@ -1,8 +1,6 @@
 """airrace evaluate: how often and how fast the autonomy finishes, over many races."""
 
 import dataclasses as dc
-import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +9,7 @@ from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
 from airrace.common.errors import UserError
-from airrace.common.interrupts import interrupts_held, sigterm_as_ctrl_c
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, DroneOptions, resolve_scenario
 
 if TYPE_CHECKING:
@@ -100,16 +98,24 @@ def evaluate(*, options: EvaluateOptions = EvaluateOptions()) -> int:
 
 def check_options(options: EvaluateOptions) -> None:
     """Raises UserError on the first bad option of this program's own."""
-    for name, least in (("tracks", 1), ("track_seed", 0), ("workers", 1)):
-        value = getattr(options, name)
-        if value is not None and value < least:
+    for name, least in (("tracks", 1), ("track_seed", 0)):
+        if (value := getattr(options, name)) < least:
             raise UserError(f"--{name} must be at least {least}, not {value}.")
-    if options.workers is not None and options.scheduler is not None:
-        raise UserError("--workers and --scheduler exclude each other: leave one out.")
-    if options.resume and options.output is None:
-        raise UserError("--resume needs --output, the folder of the evaluation to go on with.")
+    check_flying(options.output, options.resume, options.workers, options.scheduler)
     if options.scenario_name is not None and options.scenario_file is None:
         raise UserError("--scenario_name needs --scenario_file.")
+
+
+def check_flying(
+    output: Path | None, resume: bool, workers: int | None, scheduler: str | None
+) -> None:
+    """Raises UserError on the first bad option of those that say where many races are flown."""
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers must be at least 1, not {workers}.")
+    if workers is not None and scheduler is not None:
+        raise UserError("--workers and --scheduler exclude each other: leave one out.")
+    if resume and output is None:
+        raise UserError("--resume needs --output, the folder of the races to go on with.")
 
 
 def resolve(options: EvaluateOptions) -> tuple[list, dict]:
@@ -154,42 +160,20 @@ def fly(
     """Flies the races that a store lacks, and shows them; returns the exit code."""
     from airrace.evaluation import cluster
     from airrace.evaluation.progress import EvaluationDisplay
+    from airrace.evaluation.races_display import say_if_stopped
 
-    missing = [job for job in jobs if job.seed not in store.keys]
-    display = EvaluationDisplay(settings, store.rows)
-    stopped = None
-
-    def keep(row):
-        with interrupts_held():
-            store.append(row)
-        display.show(row)
-
+    display, before = EvaluationDisplay(settings, store.rows), len(store.rows)
+    where, systems = (options.workers, options.scheduler), jobs[0].systems
     try:
-        if missing:
-            if options.scheduler is not None:
-                connection = cluster.running_cluster(options.scheduler)
-            else:
-                connection = cluster.local_cluster(options.workers or os.cpu_count() or 1)
-            with connection as client:
-                cluster.check_workers(client, jobs[0].versions, jobs[0].systems)
-                with display:
-                    cluster.fly_races(client, missing, keep)
-    except KeyboardInterrupt:
-        stopped = "interrupted"
-    except cluster.EvaluationStopped as e:
-        stopped = str(e)
+        stopped = cluster.fly_missing(
+            jobs, store, where, display.show, systems=systems, live=display
+        )
     except UserError:
-        if len(store.rows) > len(jobs) - len(missing):
+        if len(store.rows) > before:
             write_results(folder, settings, store.rows, display)
         raise
     write_results(folder, settings, store.rows, display)
-    if stopped:
-        print(
-            f"airrace: {stopped}; {len(store.rows)} of {len(jobs)} races are in {folder}: the "
-            "same command with --resume flies the others.",
-            file=sys.stderr,
-        )
-    return 1 if stopped else 0
+    return say_if_stopped(stopped, len(store.rows), len(jobs), folder)
 
 
 def write_results(folder: Path, settings: dict, rows: list, display: "EvaluationDisplay") -> None:

@@ -28,11 +28,9 @@ def make_jobs(
 
     Args:
         scenario: checked; its seed and track are replaced.
-        seeds: one a race.
         tracks: pairs of a Track and its YAML, one a race.
 
-    Raises:
-        UserError: if the drone's folder is too large.
+    Raises UserError if the drone's folder is too large.
     """
     drone = {} if scenario.drone in DRONES else _drone_files(scenario.drone)
     flying = versions(scenario.systems)
@@ -56,16 +54,14 @@ def make_jobs(
 
 def given_track(name_or_file: str) -> tuple[Track, str]:
     """Returns a track that somebody made, and its YAML; see load_track()."""
-    return load_track(name_or_file, markers=True), find_yaml("tracks", name_or_file).read_text(
-        "utf-8"
-    )
+    path = find_yaml("tracks", name_or_file)
+    return load_track(name_or_file, markers=True), path.read_text("utf-8")
 
 
 def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
     """Returns the generated track of a seed, and its YAML; gates: see generate_track().
 
-    Raises:
-        UserError: if there is none.
+    Raises UserError if there is none.
     """
     track = generate_track(seed, gates)
     return track, yaml_dump_typed(track, schema=Track)
@@ -74,10 +70,7 @@ def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
 def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
     """Returns what must be equal for two evaluations to be the same.
 
-    Args:
-        jobs: of the evaluation.
-        track: where the tracks come from.
-        scenario_name: where the scenario comes from.
+    Args: track: where the tracks come from. scenario_name: where the scenario comes from.
     """
     races = [(job.track, job.scenario, sorted(job.drone.items())) for job in jobs]
     scenario = yaml.safe_load(jobs[0].scenario)["Defaults"]

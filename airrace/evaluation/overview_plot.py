@@ -37,12 +37,9 @@ _KINDS = ((True, BEST, "o", "finished"), (False, BAD, "X", "did not finish"))
 def draw_picture(folder: Path, evaluation: dict) -> None:
     """Writes evaluation.png.
 
-    Args:
-        folder: where to.
-        evaluation: what evaluation.json holds.
+    Args: evaluation: what evaluation.json holds.
 
-    Raises:
-        UserError: if it cannot be written.
+    Raises UserError if it cannot be written.
     """
     file = io.BytesIO()
     with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
@@ -55,9 +52,7 @@ def draw_picture(folder: Path, evaluation: dict) -> None:
 def make_overview(evaluation: dict, with_title: bool = True) -> "Figure":
     """Returns the figure: strips on the left, rates and why races ended on the right.
 
-    Args:
-        evaluation: what evaluation.json holds.
-        with_title: whether it says what was evaluated.
+    Args: with_title: whether it says what was evaluated.
     """
     summary, races = evaluation["summary"], race_frame(evaluation["races"])
     strips = figures_of_merit(races)
@@ -80,9 +75,9 @@ def figures_of_merit(races: pd.DataFrame) -> dict[str, pd.Series]:
     """Returns what races are compared by, a number a race, NaN where it has none."""
     mean_lap = races["mean_lap_s"].astype(float)
     strips = {
-        "exploration (s)": races["exploration_s"].astype(float),
+        "exploration (s)": races["exploration_s"],
         "mean lap (s)": mean_lap,
-        "best lap (s)": races["best_lap_s"].astype(float),
+        "best lap (s)": races["best_lap_s"],
         # Laps of tracks of different lengths can be compared by this alone.
         "speed, straight from gate to gate, mean of the laps (m/s)": races["length_m"] / mean_lap,
         "map error, RMS (cm)": 100 * races["map_rms_m"].astype(float),
@@ -117,16 +112,9 @@ def _draw_strip(axes: "Axes", name: str, values: pd.Series, finished: pd.Series)
     for kind, color, marker, label in _KINDS:
         shown = known[finished[known.index] == kind]
         # All strips have one legend, which is to name what any of them has.
+        look: dict[str, Any] = dict(s=size, c=color, marker=marker, edgecolors=PAPER)
         marks = axes.scatter(
-            shown,
-            heights[shown.index],
-            s=size,
-            c=color,
-            marker=marker,
-            edgecolors=PAPER,
-            linewidths=0.5,
-            label=label,
-            zorder=3,
+            shown, heights[shown.index], linewidths=0.5, label=label, zorder=3, **look
         )
         add_tip(marks, label)
     axes.margins(x=0.03)
@@ -158,11 +146,9 @@ def _draw_reasons(axes: "Axes", reasons: dict) -> None:
     if len(shown) > _REASONS:
         others = sum(count for _, count in shown[_REASONS - 1 :])
         shown = [*shown[: _REASONS - 1], ("others", others)]
-    names = [
-        name if len(name) <= _REASON_LENGTH else name[: _REASON_LENGTH - 1] + "\u2026"
-        for name, _ in shown
-    ]
-    counts = [count for _, count in shown]
+    names, counts = zip(*shown)
+    most = _REASON_LENGTH
+    names = [name if len(name) <= most else f"{name[: most - 1]}\u2026" for name in names]
     axes.barh(range(len(shown)), counts, height=0.5, color=BAD)
     axes.set_yticks(range(len(shown)), names, parse_math=False)
     axes.set(xlabel="races", ylim=(max(len(shown), 5) - 0.4, -0.6))

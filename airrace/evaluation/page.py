@@ -21,29 +21,19 @@ _LAST_EVENTS = 6  # of an explorer whose race failed
 
 
 class Column(NamedTuple):
-    """A column of the table of races.
+    """A column of the table of races."""
 
-    Attributes:
-        name: its head.
-        meaning: what it says, for who points at its head.
-        key: of a race of evaluation.json.
-        factor: of numbers.
-        decimals: of numbers.
-    """
-
-    name: str
-    meaning: str
-    key: str
-    factor: float = 1.0
-    decimals: int = 0
+    name: str  # its head
+    meaning: str  # what it says, for who points at its head
+    key: str  # of a race of evaluation.json
+    factor: float = 1.0  # of numbers
+    decimals: int = 0  # of numbers
 
 
 COLUMNS = (
     Column("seed", "Of the race and, if it was generated, of its track.", "seed"),
     Column("gates", "How many gates the track has.", "gates"),
-    Column(
-        "length (m)", "Of the way straight from gate to gate.", "length_m", factor=1.0, decimals=1
-    ),
+    Column("length (m)", "Of the way straight from gate to gate.", "length_m", decimals=1),
     Column("gates found", "How many gates the explorer found.", "gates_found"),
     Column(
         "exploration (s)",
@@ -69,13 +59,9 @@ COLUMNS = (
 def write_page(folder: Path, evaluation: dict, rows: list[dict]) -> Path:
     """Writes evaluation.html, which needs nothing else; returns its path.
 
-    Args:
-        folder: where to.
-        evaluation: what evaluation.json holds.
-        rows: of the races, see worker.fly().
+    Args: evaluation: what evaluation.json holds. rows: of the races, see worker.fly().
 
-    Raises:
-        UserError: if it cannot be written.
+    Raises UserError if it cannot be written.
     """
     with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
         picture = inline_svg(make_overview(evaluation, with_title=False), "evaluation")
@@ -119,25 +105,16 @@ def _failure(row: dict, settings: dict) -> dict:
 
 
 def race_commands(seed: int, settings: dict) -> list[str]:
-    """Returns the commands for a shell that fly a race of an evaluation again, by itself.
-
-    Args:
-        seed: of the race.
-        settings: of evaluation.json.
-    """
+    """Returns the commands for a shell that fly a race of an evaluation again, by itself."""
     track, made = settings["track"].removeprefix("the track "), []
     if track == settings["track"]:
         track = f"track-{seed}.yaml"
         made = [f"airrace track --seed {seed} > {track}"]
     words = ["airrace", "race", "--track", track, "--seed", str(seed)]
-    if fields := _differences(settings["scenario"], _defaults()):
+    defaults = yaml.safe_load(scenario_yaml(Scenario()))["Defaults"]
+    if fields := _differences(settings["scenario"], defaults):
         words += ["--scenario_text", json.dumps(fields)]
     return [*made, shlex.join(words)]
-
-
-def _defaults() -> dict:
-    """Returns all fields of a scenario as they are by default."""
-    return yaml.safe_load(scenario_yaml(Scenario()))["Defaults"]
 
 
 def _differences(fields: dict, defaults: dict) -> dict[str, Any]:

@@ -16,13 +16,11 @@ RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = EVALUATION
 class RaceStore:
     """Keeps the rows of races, each on disk before the next one is taken.
 
-    races.jsonl gets a whole line for every race. The last line may be torn by
-    a crash; it is removed when the evaluation is resumed, and its race is flown
-    again. One process at a time writes to a folder. As a context manager it
-    takes its files away when UserError ends it before the first row: then
-    nothing has been evaluated.
-
-    What others keep in this way, they name in a class of their own.
+    The rows' file gets a whole line for every race. The last line may be torn by a crash; it is
+    removed when the evaluation is resumed, and its race is flown again. One process at a time
+    writes to a folder. As a context manager it takes its files away when UserError ends it before
+    the first row: then nothing has been evaluated. What others keep in this way, they name in a
+    class of their own.
 
     Attributes:
         key: of a row, by which races are told apart.
@@ -35,17 +33,15 @@ class RaceStore:
     what: ClassVar[str] = "evaluation"
 
     def __init__(self, folder: Path, settings: dict, *, resume: bool = False):
-        """Opens a folder, and writes the settings to the file that is for them.
+        """Opens an existing folder, and writes the settings to the file that is for them.
 
         Args:
-            folder: an existing one.
             settings: plain data; equal for the same evaluation.
             resume: whether to go on with what is in the folder.
 
         Raises:
-            UserError: if there is an evaluation and it is not to be resumed or
-                has other settings, if another process writes to it, or if its
-                files cannot be read or written.
+            UserError: if there is an evaluation and it is not to be resumed or has other settings,
+                if another process writes to it, or if its files cannot be read or written.
         """
         self._folder, self._path = folder, folder / self.files[0]
         self._settings = folder / self.files[1]
@@ -81,8 +77,7 @@ class RaceStore:
     def append(self, row: dict) -> None:
         """Keeps the row of a race; it is on the disk when this returns.
 
-        Raises:
-            UserError: if it cannot be written.
+        Raises UserError if it cannot be written.
         """
         if row[self.key] in self._rows:
             raise ValueError(f"the race with {self.key} {row[self.key]} has ended before")

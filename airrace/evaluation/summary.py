@@ -17,8 +17,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     inference", J. Am. Stat. Assoc. 22 (1927), 209-212. Unlike the one from the
     normal approximation it is sensible for few trials and for rates of 0 and 1.
 
-    Args:
-        successes, trials: numbers; 0 <= successes <= trials.
+    Args: successes, trials: numbers; 0 <= successes <= trials.
     """
     from scipy.stats import binomtest  # here, as few processes need it: it takes half a second
 
@@ -37,17 +36,13 @@ def race_line(row: dict) -> dict:
     result = row["result"]
     exploration, laps = result["exploration"], result["laps"]
     return {
-        "seed": row["seed"],
-        "gates": row["gates"],
-        "length_m": row["length_m"],
-        "finished": result["finished"],
-        "dnf_reason": result["dnf_reason"],
+        **{name: row[name] for name in ("seed", "gates", "length_m")},
+        **{name: result[name] for name in ("finished", "dnf_reason")},
         "explored": exploration["success"],
         "exploration_s": exploration["time_s"] if exploration["success"] else None,
         "gates_found": exploration["gates_found"],
         "lap_times_s": [lap["time_s"] for lap in laps],
-        "mean_lap_s": result["mean_lap_s"],
-        "best_lap_s": result["best_lap_s"],
+        **{name: result[name] for name in ("mean_lap_s", "best_lap_s")},
         "map_rms_m": laps[-1]["map_rms_m"] if laps else None,
         "collisions": result["collisions"],
     }
@@ -59,13 +54,10 @@ def race_frame(lines: list[dict]) -> pd.DataFrame:
 
 
 def summarize(lines: list[dict]) -> dict:
-    """Returns the numbers of many races.
+    """Returns the numbers of many races, of their race_line()s.
 
     Distributions are ``n``, ``mean``, ``median``, ``min`` and ``max``, or None
     if there is nothing to tell. Lap times and speeds are over all complete laps.
-
-    Args:
-        lines: see race_line().
     """
     races = race_frame(lines)
     laps = races.explode("lap_times_s").dropna(subset="lap_times_s")

@@ -37,8 +37,7 @@ def write_summary(folder: Path, settings: dict, rows: list[dict]) -> dict:
     They depend on settings and results alone: not on the order in which the
     races ended, and not on who flew them how fast.
 
-    Raises:
-        UserError: if they cannot be written.
+    Raises UserError if they cannot be written.
     """
     lines = [race_line(row) for row in rows]
     evaluation = {

@@ -13,13 +13,10 @@ _MISSING = "missing"
 
 
 def versions(systems: dict) -> dict:
-    """Returns names and versions of what flies a race in this Python.
+    """Returns names and versions of what flies a race with a scenario's systems in this Python.
 
     airrace, which may be a checkout with changes, and the modules of systems are
     told apart by the contents of their files.
-
-    Args:
-        systems: of a Scenario.
     """
     import cv2
     import numpy

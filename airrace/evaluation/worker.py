@@ -6,6 +6,7 @@ would start, so that the results are the same.
 """
 
 import collections
+import contextlib
 import dataclasses as dc
 import json
 import signal
@@ -13,7 +14,9 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.evaluation.versions import mismatch, versions
@@ -21,6 +24,9 @@ from airrace.evaluation.versions import mismatch, versions
 # What is in the folder of one race; evaluation/race_process.py flies it.
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
+# Why a race ended whose process was stopped by an error: None if it left no race.json.
+_NO_REASONS = (None, "stopped by an error", "not over yet")
+STOPPED = "stopped by an error: "  # begins EndedRace.error, unless it crashed
 _TAIL = 4000  # characters kept of what a crashed race wrote
 NO_RESULT: dict = {
     "finished": False,
@@ -39,28 +45,17 @@ _stopped = set()  # evaluations
 
 @dc.dataclass(frozen=True)
 class RaceJob:
-    """One race, with all that a worker on another machine needs to fly it.
+    """One race, with all that a worker on another machine needs to fly it."""
 
-    Attributes:
-        seed: of the race and, if it was generated, of the track.
-        track: YAML of the track.
-        gates: number of them.
-        length: of the polygon through the gates' midpoints (m).
-        scenario: a scenario file; its track is not used.
-        drone: contents of the files of the drone's folder by relative names;
-            empty for a shipped drone.
-        systems: of the scenario.
-        versions: see versions(); a worker with others does not fly the race.
-    """
-
-    seed: int
-    track: str
-    gates: int
-    length: float
-    scenario: str
+    seed: int  # of the race and, if it was generated, of the track
+    track: str  # YAML of the track
+    gates: int  # number of them
+    length: float  # of the polygon through the gates' midpoints (m)
+    scenario: str  # a scenario file; its track is not used
+    # Contents of the files of the drone's folder by relative names; empty for a shipped drone
     drone: dict
-    systems: dict
-    versions: dict
+    systems: dict  # of the scenario
+    versions: dict  # see versions(); a worker with others does not fly the race
 
     @property
     def key(self) -> int:
@@ -76,40 +71,101 @@ class RaceKilled(Exception):
     """The race's process was killed from outside; the race is to be flown again."""
 
 
+class EndedRace(NamedTuple):
+    """A race whose process has ended."""
+
+    folder: Path  # of its files
+    result: dict  # race.json without ``wall``
+    wall: dict | None  # of race.json, or None
+    error: str | None  # a clause on what stopped it, unless it ended as races do
+    stderr: str | None  # the end of what it wrote if so, else None
+
+
+class RaceRefused(Exception):
+    """No such race can be flown here; the message says why."""
+
+
 def fly(job: RaceJob, evaluation: str) -> dict:
-    """Flies a race and returns its row of races.jsonl.
+    """Flies a race and returns its row of races.jsonl; evaluation: a name for stop_races().
 
-    Args:
-        job: the race.
-        evaluation: a name for stop_races().
+    That is ``seed``, ``gates``, ``length_m``, ``result`` (race.json without ``wall``), ``stderr``
+    (the end of what a race that was stopped by an error wrote, else None) and ``wall`` (of
+    race.json, or None). Or ``seed`` and ``refused``, why no such race can be flown here.
 
-    Returns:
-        ``seed``, ``gates``, ``length_m``, ``result`` (race.json without
-        ``wall``), ``stderr`` (the end of what a race that was stopped by an
-        error wrote, else None) and ``wall`` (of race.json, or None). Or
-        ``seed`` and ``refused``, why no such race can be flown here.
+    Raises RaceKilled if it was killed from outside.
+    """
+    files = {TRACK: job.track.encode(), SCENARIO: job.scenario.encode()}
+    files |= {f"{DRONE}/{name}": content for name, content in job.drone.items()}
+    try:
+        check_versions(job.versions, versions(job.systems))
+        with ended_race("airrace.evaluation.race_process", files, evaluation, ends=(0, 1)) as race:
+            if race.error:
+                race.result.update(finished=False, dnf_reason=race.error)
+            return {
+                "seed": job.seed,
+                "gates": job.gates,
+                "length_m": job.length,
+                "result": race.result,
+                "stderr": race.stderr,
+                "wall": race.wall,
+            }
+    except RaceRefused as e:
+        return {"seed": job.seed, "refused": str(e)}
+
+
+def check_versions(expected: dict, actual: dict) -> None:
+    """Raises RaceRefused unless a race is flown by what it is to be flown with."""
+    if differs := mismatch(expected, actual):
+        raise RaceRefused(
+            f"a worker has {differs}; change no files while races are flown, and give all workers "
+            "the same."
+        )
+
+
+@contextlib.contextmanager
+def ended_race(
+    module: str, files: Mapping[str, bytes], evaluation: str, ends: Collection[int]
+) -> Iterator[EndedRace]:
+    """Flies a race in a process of its own, and yields how it ended; its folder is then removed.
+
+    Args: module, evaluation: see run_process(). files: of the race's folder: path to contents.
+    ends: exit codes of a race that was not stopped by an error.
 
     Raises:
+        RaceRefused: if the process says so, by exit code 2.
         RaceKilled: if it was killed from outside.
     """
-    differs = mismatch(job.versions, versions(job.systems))
-    if differs:
-        return {
-            "seed": job.seed,
-            "refused": f"a worker has {differs}; change no files while an "
-            "evaluation runs, and give all workers the same.",
-        }
     with tempfile.TemporaryDirectory(prefix="airrace-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        (folder / TRACK).write_text(job.track, encoding="utf-8")
-        (folder / SCENARIO).write_text(job.scenario, encoding="utf-8")
-        for file, content in job.drone.items():
-            path = folder / DRONE / file
+        for file, content in files.items():
+            path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        code = run_process("airrace.evaluation.race_process", folder, evaluation)
+        code = run_process(module, folder, evaluation)
         stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
-        return _row(job, code, stderr, folder / RESULTS / "race.json")
+        if code == 2:
+            raise RaceRefused(stderr.removeprefix("airrace: ") or "no reason given")
+        result = read_json(folder / RESULTS / "race.json") or dict(NO_RESULT)
+        wall, reason = result.pop("wall", None), result["dnf_reason"]
+        signal_name = _signal_name(-code) if code < 0 else None
+        if reason == "interrupted" or signal_name in _KILLS:
+            raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
+        error = None
+        if signal_name:
+            error = f"crashed ({signal_name})"
+        elif code not in ends or (reason in _NO_REASONS and not result["finished"]):
+            # Python says in the last line what the error was.
+            last_line = (stderr.splitlines() or ["nothing was said"])[-1].strip()
+            error = f"{STOPPED}{last_line}"
+        yield EndedRace(folder, result, wall, error, stderr[-_TAIL:] if error else None)
+
+
+def read_json(path: Path) -> dict | None:
+    """Returns what a file of JSON holds, or None if there is none."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
 
 
 def stop_races(evaluation: str) -> None:
@@ -121,15 +177,11 @@ def stop_races(evaluation: str) -> None:
 
 
 def run_process(module: str, folder: Path, evaluation: str) -> int:
-    """Runs a module as the process of a race; returns its exit code.
+    """Runs a module with the folder of a race; returns its exit code.
 
-    Args:
-        module: which is called with the folder.
-        folder: of the race; what the process writes to standard error is left in `stderr` there.
-        evaluation: a name for stop_races().
+    What it writes to standard error is left in `stderr` there. Args: evaluation: for stop_races().
 
-    Raises:
-        RaceKilled: if the evaluation was stopped before.
+    Raises RaceKilled if the evaluation was stopped before.
     """
     with open(folder / "stderr", "wb") as stderr:
         with _lock:
@@ -152,41 +204,6 @@ def run_process(module: str, folder: Path, evaluation: str) -> int:
             process.communicate()
             with _lock:
                 _running[evaluation].discard(process)
-
-
-def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
-    """Returns the row of a race whose process has ended with an exit code."""
-    if code == 2:
-        return {"seed": job.seed, "refused": stderr.removeprefix("airrace: ") or "no reason given"}
-    try:
-        result = json.loads(race_json.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        result = dict(NO_RESULT)
-    wall, reason, error = result.pop("wall", None), result["dnf_reason"], None
-    signal_name = _signal_name(-code) if code < 0 else None
-    if reason == "interrupted" or was_killed(code):
-        raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
-    if signal_name:
-        error = f"crashed ({signal_name})"
-    elif code > 1 or reason in (None, "stopped by an error", "not over yet"):
-        # Python says in the last line what the error was.
-        last_line = (stderr.splitlines() or ["nothing was said"])[-1].strip()
-        error = None if result["finished"] else f"stopped by an error: {last_line}"
-    if error:
-        result.update(finished=False, dnf_reason=error)
-    return {
-        "seed": job.seed,
-        "gates": job.gates,
-        "length_m": job.length,
-        "result": result,
-        "stderr": stderr[-_TAIL:] if error else None,
-        "wall": wall,
-    }
-
-
-def was_killed(code: int) -> bool:
-    """Whether a process with this exit code was killed from outside."""
-    return code < 0 and _signal_name(-code) in _KILLS
 
 
 def _signal_name(number: int) -> str:

@@ -56,16 +56,10 @@ class AutonomyProcess:
     ):
         """Constructs it; it listens from now on.
 
-        Args:
-            scenario: the race.
-            bus: from open_lcm().
-            output_dir: where the checkpoint and the map go.
-            log: takes lines.
-            stop: asked now and then; whether to end.
-            clock: of the Endpoint (s).
+        Args: bus: from open_lcm(). stop: asked now and then; whether to end. clock: of the Endpoint
+        (s).
 
-        Raises:
-            UserError: if the variable of patient() is no number.
+        Raises UserError if the variable of patient() is no number.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
@@ -81,29 +75,17 @@ class AutonomyProcess:
     def prepare(self, lcm_url: str, briefly: bool = False) -> None:
         """Starts the navigator; pilot and navigator compile what they run, each its own.
 
-        Args:
-            lcm_url: of the bus.
-            briefly: see warm_up_pilot().
+        Args: briefly: see warm_up_pilot().
 
-        Raises:
-            UserError: if the navigator cannot begin.
+        Raises UserError if the navigator cannot begin.
         """
-        duration = _BRIEFEST if briefly else _TRIAL
+        scenario, duration = self._scenario, _BRIEFEST if briefly else _TRIAL
+        session, poll = self._endpoint.session, self._endpoint.drain
         self._navigator = NavigatorProcess(
-            self._scenario,
-            lcm_url,
-            self._output_dir,
-            session=self._endpoint.session,
-            briefly=briefly,
-            duration=duration,
+            scenario, lcm_url, self._output_dir, session=session, briefly=briefly, duration=duration
         )
         self._budget = prepare_halves(
-            self._scenario,
-            self._navigator,
-            duration,
-            briefly,
-            self.show_compiling,
-            self._endpoint.drain,
+            scenario, self._navigator, duration, briefly, self.show_compiling, poll
         )
 
     def close(self) -> None:
@@ -112,15 +94,11 @@ class AutonomyProcess:
             self._navigator.close()
 
     def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
-        """Waits for a simulation and races; returns the exit code.
+        """Waits for a simulation, at most some time (s), and races; returns the exit code.
 
-        Args:
-            resume: folder with the checkpoint of an autonomy that has ended, to
-                go on where it was; None: a new race.
-            patience: how long to wait for the simulation (s).
+        Args: resume: folder with the checkpoint of an autonomy that has ended, to go on with.
 
-        Raises:
-            UserError: if there is none, or nothing to resume.
+        Raises UserError if there is none, or nothing to resume.
         """
         expected = phases.RACING if resume else phases.READY
         await_peer(
@@ -140,11 +118,7 @@ class AutonomyProcess:
         return self._race(self._navigator, resume)
 
     def show_compiling(self, count: int) -> None:
-        """Tells the simulation, and now and then whoever reads the log, that it goes on.
-
-        Args:
-            count: of the functions that have been compiled.
-        """
+        """Tells the simulation, and now and then whoever reads the log, how many are compiled."""
         self._endpoint.drain()
         self._endpoint.beat(phases.COMPILING, 0.0)
         now = self._endpoint.now()
@@ -219,9 +193,8 @@ class AutonomyProcess:
     def _ended(self) -> bool:
         if self._endpoint.silence > self._patience:
             self._endpoint.drain()  # a pause of this process is no silence of the simulation
-        return (
-            self._phase() == phases.OVER or self._stop() or self._endpoint.silence > self._patience
-        )
+        is_silent = self._endpoint.silence > self._patience
+        return is_silent or self._phase() == phases.OVER or self._stop()
 
     def _lost(self) -> int:
         self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")

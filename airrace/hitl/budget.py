@@ -21,18 +21,13 @@ _RATES = (1.0, 0.8, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05)  # that --realtime_rate is ad
 
 
 class Budget(NamedTuple):
-    """What a second of flight takes.
+    """What a second of flight takes."""
 
-    Attributes:
-        pilot, navigator: time that each takes for it (s).
-        tick: in which the pilot answers but for once in a thousand times (s).
-        processors: that there are.
-    """
-
+    # pilot, navigator: time that each takes for it (s)
     pilot: float
     navigator: float
-    tick: float
-    processors: int
+    tick: float  # in which the pilot answers but for once in a thousand times (s)
+    processors: int  # that there are
 
     @property
     def needed(self) -> float:
@@ -90,16 +85,10 @@ def prepare_halves(
 
     They fly by made-up messages, each as fast as it can, both at the same time.
 
-    Args:
-        scenario: the race.
-        navigator: that was started, with the same duration.
-        duration: of the flight (s).
-        briefly: see warm_up_pilot().
-        show: called with the number of functions that were compiled, here or there.
-        poll: called while it waits.
+    Args: navigator: that was started, with the same duration (s). show: called with the number of
+    functions that were compiled, here or there. poll: called while it waits.
 
-    Raises:
-        UserError: if the navigator cannot begin.
+    Raises UserError if the navigator cannot begin.
     """
     with jit.watched(show):
         warm_up_pilot(scenario, briefly)

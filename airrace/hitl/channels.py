@@ -6,7 +6,6 @@ from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 
 from airrace.common.immutable import read_only
 from airrace.diagrams.variants import variant_of
@@ -20,7 +19,7 @@ from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.policy.policy_controller import PERIOD as POLICY_PERIOD
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
-from airrace.systems.sensing.picture_ports import IMAGE_TYPES, PICTURE_PORTS
+from airrace.systems.sensing.picture_ports import PICTURE_PORTS
 from airrace.systems.types import ExplorerStatus, PolicyStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
@@ -37,33 +36,21 @@ _UNKNOWN = np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)])  # before the f
 
 @dc.dataclass(frozen=True, kw_only=True)
 class PortChannel(Channel):
-    """A channel that carries the values of ports.
+    """A channel that carries the values of ports."""
 
-    Attributes:
-        ports: output ports of the sender's diagram, and input ports of the other one's;
-            whether the value of the first is another tells whether there is a new message.
-        rate: how often the ports' values change (Hz), which is how often they are
-            sent; in lockstep, at every change.
-        encode: from the values of the ports, as keywords, and ``lossless``, to a message.
-            ``decode`` returns a dict by port.
-        initial: dict of the values before the first message; an array says that a
-            port is a vector.
-        repeat: a value that does not change is sent again after so long (s), since
-            messages get lost.
-    """
-
+    # Output ports of the sender's diagram, and input ports of the other one's; whether the value of
+    # the first is another tells whether there is a new message
     ports: tuple
+    # How often the ports' values change (Hz), which is how often they are sent; in lockstep, at
+    # every change
     rate: float
+    # From the values of the ports, as keywords, and ``lossless``, to a message. ``decode`` returns
+    # a dict by port.
     encode: Callable
+    # Dict of the values before the first message; an array says that a port is a vector
     initial: dict
+    # A value that does not change is sent again after so long (s), since messages get lost
     repeat: float = 0.5
-
-    def model(self, port: str) -> int | AbstractValue:
-        """Returns the size of a port that is a vector, else a Value of its type."""
-        initial = self.initial[port]
-        if isinstance(initial, np.ndarray):
-            return initial.size
-        return Value[IMAGE_TYPES.get(port, object)]()
 
 
 def make_channels(
@@ -73,9 +60,7 @@ def make_channels(
 
     ``truth.referee_status`` is for spectators on the network: the autonomy does not listen.
 
-    Args:
-        scenario: the race.
-        wanted: which ports of OPTIONAL_PORTS the autonomy's systems use.
+    Args: wanted: which ports of OPTIONAL_PORTS the autonomy's systems use.
     """
     n = len(load_vehicle(scenario.drone)[0].rotors)
     nothing = RefereeStatus((), False, None, None, 0)

@@ -17,22 +17,15 @@ CHECKPOINT_PERIOD = 1.0  # s
 def states_of(part: "Diagram", root_context: "Context") -> dict[str, tuple[list, list]]:
     """Returns the discrete and the abstract state of each system of a diagram, by its name.
 
-    Args:
-        part: the autonomy, or a half of it.
-        root_context: of the diagram that it is part of.
+    Args: part: the autonomy, or a half of it. root_context: of the diagram around it.
     """
     states = {}
     for system in part.GetSystems():
         context = system.GetMyContextFromRoot(root_context)
+        groups, values = context.num_discrete_state_groups(), context.num_abstract_states()
         states[system.get_name()] = (
-            [
-                context.get_discrete_state(i).CopyToVector()
-                for i in range(context.num_discrete_state_groups())
-            ],
-            [
-                context.get_abstract_state(i).get_value()
-                for i in range(context.num_abstract_states())
-            ],
+            [context.get_discrete_state(i).CopyToVector() for i in range(groups)],
+            [context.get_abstract_state(i).get_value() for i in range(values)],
         )
     return states
 
@@ -49,8 +42,7 @@ def restore(folder: Path, part: "Diagram", root_context: "Context") -> None:
 
     Args: folder: see save(). The others: see states_of().
 
-    Raises:
-        UserError: if there is none, or it is another autonomy's.
+    Raises UserError if there is none, or it is another autonomy's.
     """
     path = Path(folder) / CHECKPOINT
     try:

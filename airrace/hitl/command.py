@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Group, Parameter
 
+from airrace.common.errors import UserError
 from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import lcm
 
+    from airrace.hitl.companion import Companion
+    from airrace.hitl.companion.address import Address
     from airrace.scenario import Scenario
 
 EPILOG = """\
@@ -71,11 +76,7 @@ def add_to(app: App) -> None:
 
 
 def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Scenario", "lcm.LCM"]:
-    """Returns the checked Scenario and the LCM that options name.
-
-    Raises:
-        UserError: if one cannot be had.
-    """
+    """Returns the checked Scenario and the LCM that options name; may raise UserError."""
     from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
 
     return checked_scenario(options), open_lcm(lcm_url or DEFAULT_URL)
@@ -83,13 +84,7 @@ def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Sc
 
 def checked_scenario(options: ScenarioOptions) -> "Scenario":
     """Returns the Scenario that options name, or raises UserError if it is none."""
-    from airrace.scenario import load_scenario
-
-    scenario = load_scenario(
-        filename=options.scenario_file,
-        scenario_name=options.scenario_name,
-        scenario_text=options.scenario_text,
-    )
+    scenario = resolve_scenario(options)
     scenario.check()
     return scenario
 
@@ -148,10 +143,43 @@ def hitl_scenario(options: HitlOptions) -> "Scenario":
     return scenario
 
 
+def ssh_companions(options: HitlOptions) -> "Callable[[Address], Companion]":
+    """Returns what makes the companion for an Address, as the options say.
+
+    Raises:
+        UserError: naming the option and the remedy.
+    """
+    from airrace.hitl.companion.address import parse_address
+
+    companion = options.companion or "local"
+    by_ssh = companion not in ("local", "none")
+    if by_ssh:
+        parse_address(companion)
+    for option in ("identity", "wheels"):
+        if getattr(options, option) is not None and not by_ssh:
+            raise UserError(
+                f"--{option} is for a companion that is reached by ssh: add -s HITL "
+                "--companion USER@HOST, or leave it out."
+            )
+    if options.identity is not None and not options.identity.is_file():
+        raise UserError(f"--identity {options.identity} is no file; name that of a private key.")
+    if options.wheels is not None and not options.wheels.is_dir():
+        raise UserError(
+            f"--wheels {options.wheels} is no folder; fill one with pip download, as the "
+            "documentation of a companion board says."
+        )
+
+    def make(address):
+        from airrace.hitl.companion.ssh_companion import SshCompanion
+
+        return SshCompanion(address, identity=options.identity, wheels=options.wheels)
+
+    return make
+
+
 def fly_hitl(options: HitlOptions, quiet: bool = False) -> tuple[dict, Path]:
     """Flies a race whose autonomy is at the other end of a link; see fly() of a race's command."""
     from airrace.hitl.hitl_race import remote_transport
-    from airrace.hitl.ssh_options import ssh_companions
 
     if options.companion is None:
         options = dc.replace(options, companion="local")

@@ -6,18 +6,13 @@ socket's buffer, since the other one is busy, is lost.
 """
 
 import collections
-import contextlib
 import pickle
 import socket
-import struct
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
+from airrace.hitl.link.message_socket import MessageSocket
 from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, POLICY_STATUS
 from airrace.hitl.link.plan_messages import LAP_PLAN
-
-_BUFFER = 1 << 20  # bytes; the kernel may give less
-_CHUNK = 1 << 16  # bytes that are taken at a time
-_LENGTH = struct.Struct("=I")  # of a message, before it
 
 # How values of ports cross, which are no vectors; those of a user's own systems are pickled.
 _CODECS = {
@@ -29,23 +24,14 @@ _CODECS = {
 
 
 class Setup(NamedTuple):
-    """What the navigator has to know to begin.
+    """What the navigator has to know to begin."""
 
-    Attributes:
-        scenario: as YAML.
-        lcm_url: of the link to the simulation.
-        output_dir: where the checkpoint and the map go.
-        session: of the pilot's Endpoint.
-        briefly: see warm_up_navigator().
-        duration: of the flight by made-up messages, see Budget (s).
-    """
-
-    scenario: str
-    lcm_url: str
-    output_dir: str
-    session: int
-    briefly: bool
-    duration: float
+    scenario: str  # as YAML
+    lcm_url: str  # of the link to the simulation
+    output_dir: str  # where the checkpoint and the map go
+    session: int  # of the pilot's Endpoint
+    briefly: bool  # see warm_up_navigator()
+    duration: float  # of the flight by made-up messages, see Budget (s)
 
 
 class Compiling(NamedTuple):
@@ -87,131 +73,69 @@ class States(NamedTuple):
 
 
 class PortValues(NamedTuple):
-    """What ports hold.
+    """What ports hold."""
 
-    Attributes:
-        time: simulated (s).
-        by_port: name of a port to its value; a port that is missing has the value it had.
-    """
-
-    time: float
+    time: float  # simulated (s)
+    # Name of a port to its value; a port that is missing has the value it had
     by_port: dict[str, Any]
 
 
 Message = Setup | Compiling | Playing | Warm | Ended | Resume | Ready | States | PortValues
 
 
-class Handover(Protocol):
-    """One end."""
-
-    def send(self, message: Message) -> bool:
-        """Sends a message; returns whether it will arrive."""
-        ...
-
-    def receive(self) -> list[Message]:
-        """Returns what has come, the oldest first."""
-        ...
-
-
-class QueueHandover(Handover):
+class QueueHandover:
     """An end in the same process; see queue_pair()."""
 
     def __init__(self, incoming: collections.deque, outgoing: collections.deque):
         self._incoming, self._outgoing = incoming, outgoing
 
     def send(self, message: Message) -> bool:
+        """Sends a message; returns whether it will arrive."""
         self._outgoing.append(message)
         return True
 
     def receive(self) -> list[Message]:
+        """Returns what has come, the oldest first."""
         return [self._incoming.popleft() for _ in range(len(self._incoming))]
 
 
 def queue_pair() -> tuple[QueueHandover, QueueHandover]:
     """Returns the two ends, in one process."""
-    there: collections.deque = collections.deque()
-    back: collections.deque = collections.deque()
+    there, back = collections.deque(), collections.deque()
     return QueueHandover(there, back), QueueHandover(back, there)
 
 
-class SocketHandover(Handover):
+class SocketHandover:
     """An end in another process.
 
     Attributes:
-        is_open: whether the other end is there.
-        socket: to wait for.
+        link: to wait for, and to close.
     """
 
     def __init__(self, end: socket.socket):
         """Args: end: of socket.socketpair()."""
-        end.setblocking(False)
-        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-            end.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
-        self.socket, self.is_open = end, True
-        self._unsent = b""  # the rest of a message that did not fit into the buffer
-        self._incoming = bytearray()
+        self.link = MessageSocket(end, most_waiting=0)
 
     def send(self, message: Message) -> bool:
-        if self._unsent:
-            self._push(b"")
-        if self._unsent or not self.is_open:
-            return False
-        data = pickle.dumps(_encoded(message), pickle.HIGHEST_PROTOCOL)
-        self._push(_LENGTH.pack(len(data)) + data)
-        return self.is_open
-
-    def _push(self, data):
-        """Sends as much as fits of what is unsent and some bytes."""
-        data = self._unsent + data
-        try:
-            self._unsent = data[self.socket.send(data) :]
-        except BlockingIOError:
-            self._unsent = data
-        except OSError:
-            self.is_open = False
+        """Sends a message; returns whether it will arrive."""
+        if isinstance(message, PortValues):
+            values = {
+                name: _CODECS[name].encode(value).encode() if name in _CODECS else value
+                for name, value in message.by_port.items()
+            }
+            message = message._replace(by_port=values)
+        return self.link.send(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
 
     def receive(self) -> list[Message]:
-        with contextlib.suppress(BlockingIOError):
-            while self.is_open:
-                try:
-                    data = self.socket.recv(_CHUNK)
-                except ConnectionError:
-                    data = b""
-                self._incoming += data
-                self.is_open = bool(data)
-        messages = []
-        while len(self._incoming) >= _LENGTH.size:
-            end = _LENGTH.size + _LENGTH.unpack_from(self._incoming)[0]
-            if len(self._incoming) < end:
-                break
-            messages.append(_decoded(pickle.loads(self._incoming[_LENGTH.size : end])))
-            del self._incoming[:end]
+        """Returns what has come, the oldest first."""
+        messages = [pickle.loads(data) for data in iter(self.link.receive, None)]
+        for message in messages:
+            if isinstance(message, PortValues):
+                values = message.by_port
+                for name in values.keys() & _CODECS.keys():
+                    codec = _CODECS[name]
+                    values[name] = codec.decode(codec.message_type.decode(values[name]))
         return messages
 
-    def close(self) -> None:
-        """Lets the other end know that there will be no more."""
-        self.socket.close()
-        self.is_open = False
 
-
-def _encoded(message: Message) -> Message:
-    """Returns a message with the values of known ports as those of the link."""
-    if not isinstance(message, PortValues):
-        return message
-    return message._replace(
-        by_port={
-            name: _CODECS[name].encode(value).encode() if name in _CODECS else value
-            for name, value in message.by_port.items()
-        }
-    )
-
-
-def _decoded(message: Message) -> Message:
-    """Returns what _encoded() was given."""
-    if not isinstance(message, PortValues):
-        return message
-    values = dict(message.by_port)
-    for name, codec in _CODECS.items():
-        if name in values:
-            values[name] = codec.decode(codec.message_type.decode(values[name]))
-    return message._replace(by_port=values)
+Handover = QueueHandover | SocketHandover  # one end

@@ -55,8 +55,7 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
 
     In real time, its rate is 1 unless another is given.
 
-    Raises:
-        UserError: if it is not to explore: the link is about pictures and maps.
+    Raises UserError if it is not to explore: the link is about pictures and maps.
     """
     if scenario.map:
         raise UserError("--map is for SITL: leave out -s HITL, or have the autonomy explore.")
@@ -79,13 +78,10 @@ def remote_transport(
 
     Args:
         args: has companion, lcm_url and lockstep, as the command line's options.
-        scenario: from prepared().
         output_dir: what the autonomy has written is left in ``autonomy`` there.
         make_companion: from the Address of another computer to a Companion.
-        note: shows a line.
 
-    Raises:
-        UserError: if the autonomy cannot be started, or the link cannot carry a race.
+    Raises UserError if the autonomy cannot be started, or the link cannot carry a race.
     """
     companion, lockstep = args.companion, args.lockstep
     url = args.lcm_url or default_url(companion)
@@ -119,13 +115,13 @@ def remote_transport(
 def _start(companion, scenario, url, folder, note, stack):
     """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
 
-    Returns:
-        its poll(), and one that raises UserError if it has ended.
+    Returns its poll(), and one that raises UserError if it has ended.
     """
-    last = [""]
+    last = ""
 
     def log(line):
-        last[0] = line
+        nonlocal last
+        last = line
         note(f"autonomy: {line}")
 
     arguments = ["--lcm_url", url, "--output", OUTPUT, "--scenario_file", "scenario.yaml"]
@@ -136,7 +132,7 @@ def _start(companion, scenario, url, folder, note, stack):
         if (code := autonomy.poll()) is not None:
             raise UserError(
                 f"The autonomy ended with exit code {code} before the race: "
-                f"{last[0].removeprefix('airrace: ')}"
+                f"{last.removeprefix('airrace: ')}"
             )
 
     return autonomy.poll, poll_start
@@ -160,8 +156,7 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
     That is the scenario, and the track, the drone and the modules that it names
     unless airrace brings them.
 
-    Raises:
-        UserError: if one cannot be had.
+    Raises UserError if one cannot be had.
     """
     files = {}
     track = find_yaml("tracks", scenario.track)

@@ -12,10 +12,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
 from airrace.hitl.channels import OPTIONAL_PORTS
-from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
-from airrace.hitl.received_ports import ReceivedPorts
+from airrace.hitl.received_ports import LcmReceiver, ReceivedPorts
 from airrace.systems.estimation.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.planning.held_reference import HeldReference
@@ -32,25 +31,16 @@ _REFERENCE = "exploration_reference"
 
 
 class Side(NamedTuple):
-    """A diagram with its end of the link.
+    """A diagram with its end of the link."""
 
-    Attributes:
-        diagram: of all.
-        part: the autonomy in it, or the half of it.
-        receiver: shows what the simulation has sent.
-        sender: of the part's outputs.
-        compensator: of the link's delay, in the pilot's.
-        received: shows what the other half has handed over, where there is one.
-        sends: names of the outputs of the diagram that the other half is to get.
-    """
-
-    diagram: Diagram
-    part: Diagram
-    receiver: LcmReceiver
-    sender: LcmSender
-    compensator: DelayCompensator | None = None
+    diagram: Diagram  # of all
+    part: Diagram  # the autonomy in it, or the half of it
+    receiver: LcmReceiver  # shows what the simulation has sent
+    sender: LcmSender  # of the part's outputs
+    compensator: DelayCompensator | None = None  # of the link's delay, in the pilot's
+    # Shows what the other half has handed over, where there is one
     received: ReceivedPorts | None = None
-    sends: tuple[str, ...] = ()
+    sends: tuple[str, ...] = ()  # names of the outputs of the diagram that the other half is to get
 
 
 def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
@@ -72,11 +62,7 @@ def MakeLockstepSide(
 ) -> Side:
     """Joins an Autonomy with the link.
 
-    Args:
-        scenario: the race.
-        autonomy: from MakeAutonomy().
-        channels, endpoint: see LcmSender.
-        output_dir: where the map is kept on disk.
+    Args: channels, endpoint: see LcmSender. output_dir: where the map is kept on disk.
     """
     builder = DiagramBuilder()
     builder.AddSystem(autonomy)
@@ -97,7 +83,6 @@ def MakePilotSide(
     """Joins a pilot with the link, through a DelayCompensator, and with a navigator elsewhere.
 
     Args:
-        scenario: the race.
         pilot: from MakePilot(). If it estimates where it is itself, it was given PREDICTED: the
             controller then acts on what is predicted.
         navigator: from MakeNavigator(), to know its ports by; it is not in the diagram.
@@ -107,9 +92,7 @@ def MakePilotSide(
     builder.AddSystem(pilot)
     told = pilot_inputs(pilot, navigator)
     wanted = {*inputs_of(pilot), *_COMPENSATED} - {*told}
-    simulation = builder.AddNamedSystem(
-        SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
-    )
+    simulation = _add_receiver(builder, channels, wanted)
     received = builder.AddNamedSystem(
         "navigator", ReceivedPorts(initial_values(navigator, pilot, told))
     )
@@ -156,10 +139,7 @@ def MakeNavigatorSide(
     builder = DiagramBuilder()
     builder.AddSystem(navigator)
     told = navigator_inputs(pilot, navigator)
-    wanted = {*inputs_of(navigator)} - {*told}
-    simulation = builder.AddNamedSystem(
-        SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
-    )
+    simulation = _add_receiver(builder, channels, {*inputs_of(navigator)} - {*told})
     received = builder.AddNamedSystem(
         "pilot", ReceivedPorts(initial_values(pilot, navigator, told))
     )
@@ -185,15 +165,12 @@ def navigator_inputs(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
     )
 
 
-def channels_with(
-    channels: "Sequence[PortChannel]", ports: Collection[str]
-) -> "tuple[PortChannel, ...]":
-    """Returns the channels that bring one of some ports from the simulation."""
-    return tuple(
-        channel
-        for channel in channels
-        if channel.sender == SIMULATION and any(port in ports for port in channel.ports)
-    )
+def _add_receiver(
+    builder: DiagramBuilder, channels: "Sequence[PortChannel]", ports: Collection[str]
+) -> LcmReceiver:
+    """Adds what stands for the simulation, with the channels that bring one of some ports."""
+    wanted = [channel for channel in channels if any(port in ports for port in channel.ports)]
+    return builder.AddNamedSystem(SIMULATION, LcmReceiver(wanted, AUTONOMY))
 
 
 def _made_by(part: Diagram, channels: "Sequence[PortChannel]") -> "tuple[PortChannel, ...]":

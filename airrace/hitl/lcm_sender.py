@@ -30,15 +30,7 @@ class LcmSender:
         endpoint: "Endpoint",
         lossless: bool,
     ):
-        """Constructs the sender.
-
-        Args:
-            source: the diagram of this side.
-            channels: PortChannels of the race.
-            role: of this side.
-            endpoint: sends the messages.
-            lossless: whether every change must arrive as it is: in lockstep.
-        """
+        """Args: source: of this side. lossless: whether all changes must arrive as they are."""
         self._source, self._endpoint, self._lossless = source, endpoint, lossless
         self._channels = [channel for channel in channels if channel.sender == role]
         self._ports = {

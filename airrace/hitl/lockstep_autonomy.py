@@ -26,37 +26,26 @@ def race_in_lockstep(
 ) -> int:
     """Races; returns the exit code: LEFT after the race, STOPPED or LOST.
 
-    Args:
-        scenario: the race.
-        side: from MakeLockstepSide().
-        endpoint: of the autonomy, which has met the simulation's.
-        log: takes lines.
-        stop: asked now and then; whether to end.
+    Args: side: from MakeLockstepSide(). endpoint: of the autonomy, which has met the simulation's.
+    stop: asked now and then; whether to end.
     """
     simulator = Simulator(side.diagram)
+    context, code = simulator.get_mutable_context(), LEFT
     exchange = Exchange(endpoint, side.receiver, side.sender)
     try:
-        _go_on(scenario, exchange, simulator, lambda: endpoint.beat(phases.READY, 0.0), stop)
+        exchange.receive(context, stop, poll=lambda: endpoint.beat(phases.READY, 0.0))
+        for now in lockstep_times(scenario, POLL_PERIOD):
+            if now == 0.0:
+                simulator.Initialize()
+                exchange.send(context)
+                continue
+            simulator.AdvanceTo(now)
+            exchange.send(context)
+            if exchange.receive(context, stop):
+                break
     except PeerLost as e:
         log(f"airrace: the simulation fell silent for {e.args[0]:.0f} s")
         code = LOST
-    else:
-        code = STOPPED if stop() else LEFT
     writer = side.diagram.GetSubsystemByName("gate_map_writer")
-    writer.ForcedPublish(writer.GetMyContextFromRoot(simulator.get_context()))
-    return code
-
-
-def _go_on(scenario, exchange, simulator, poll, stop):
-    """Goes tick by tick until the race is over, or stop() is true; may raise PeerLost."""
-    context = simulator.get_mutable_context()
-    exchange.receive(context, stop, poll=poll)
-    for now in lockstep_times(scenario, POLL_PERIOD):
-        if now == 0.0:
-            simulator.Initialize()
-            exchange.send(context)
-            continue
-        simulator.AdvanceTo(now)
-        exchange.send(context)
-        if exchange.receive(context, stop):
-            return
+    writer.ForcedPublish(writer.GetMyContextFromRoot(context))
+    return STOPPED if code == LEFT and stop() else code

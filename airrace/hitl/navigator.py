@@ -43,14 +43,8 @@ class Navigator:
     ):
         """Constructs it; it listens from now on.
 
-        Args:
-            scenario: the race.
-            halves: from make_halves(); it takes the navigator.
-            bus: to the simulation, from open_lcm().
-            handover: to the pilot.
-            output_dir: where the checkpoint and the map go.
-            session: of the pilot's Endpoint: both are the same autonomy to the simulation.
-            clock: of the pilot's Endpoint (s).
+        Args: halves: from make_halves(); it takes the navigator. session: of the pilot's Endpoint:
+        both are the same autonomy to the simulation. clock: of the pilot's Endpoint (s).
         """
         channels = halves.channels(scenario)
         self._endpoint = Endpoint(AUTONOMY, channels, bus, clock, session=session)
@@ -73,8 +67,7 @@ class Navigator:
     def step(self) -> bool:
         """Goes on with all that has come, and answers; returns whether there was anything.
 
-        Raises:
-            UserError: if there is no such checkpoint as the one to go on with.
+        Raises UserError if there is no such checkpoint as the one to go on with.
         """
         self._endpoint.drain()  # first: no picture is newer than the last message of the pilot's
         messages = self._handover.receive()

@@ -13,10 +13,10 @@ from pathlib import Path
 from airrace.common import jit
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
-from airrace.common.processes import child_environment
 from airrace.common.resources import load_yaml
 from airrace.common.tick_times import LoopTimes
 from airrace.hitl.handover import Compiling, Ended, Message, Playing, Setup, SocketHandover, Warm
+from airrace.hitl.link.message_socket import start_module
 from airrace.scenario import Scenario, scenario_yaml
 
 NAVIGATOR_TICKS = "navigator_ticks.json"
@@ -46,21 +46,14 @@ class NavigatorProcess:
         setup = Setup(
             scenario_yaml(scenario), lcm_url, str(output_dir.absolute()), session, briefly, duration
         )
-        here, there = socket.socketpair()
-        with there:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", __name__, str(there.fileno())],
-                stdin=subprocess.DEVNULL,
-                pass_fds=[there.fileno()],
-                env=child_environment(),
-            )
+        self._process, here = start_module(__name__)
         self.handover = SocketHandover(here)
         self.handover.send(setup)
 
     def receive(self, timeout: float = 0.01) -> list[Message]:
         """Returns what it has said, after a while at most (s)."""
-        if self.handover.is_open:
-            select.select([self.handover.socket], [], [], timeout)
+        if not self.handover.link.is_broken:
+            self.handover.link.wait(timeout)
         return self.handover.receive()
 
     def poll(self) -> int | None:
@@ -69,7 +62,7 @@ class NavigatorProcess:
 
     def close(self) -> None:
         """Ends it; it writes the map before."""
-        self.handover.close()
+        self.handover.link.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(patient(_FAREWELL))
         self._process.kill()
@@ -105,8 +98,8 @@ def navigate(setup: Setup, handover: SocketHandover) -> None:
         handover.send(Warm(float(share)))
         gc.freeze()
         ticks = LoopTimes()
-        while handover.is_open:
-            select.select([handover.socket, bus], [], [], _IDLE)  # type: ignore[type-var]
+        while not handover.link.is_broken:
+            select.select([handover.link, bus], [], [], _IDLE)  # type: ignore[type-var]
             ticks.start()
             if navigator.step():
                 ticks.stop()
@@ -120,10 +113,8 @@ def main(fileno: int) -> int:
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, signal.SIG_IGN)  # it ends with the pilot
     handover = SocketHandover(socket.socket(fileno=fileno))
-    messages: list[Message] = []
-    while not messages and handover.is_open:
-        select.select([handover.socket], [], [])
-        messages = handover.receive()
+    while not (messages := handover.receive()) and not handover.link.is_broken:
+        handover.link.wait(_IDLE)
     if messages:
         try:
             navigate(messages[0], handover)  # type: ignore[arg-type]

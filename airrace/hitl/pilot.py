@@ -38,8 +38,7 @@ class Halves(NamedTuple):
 def make_halves(scenario: "Scenario") -> Halves:
     """Builds both halves of the autonomy of a scenario, for a link that takes its time.
 
-    Raises:
-        UserError: if a system of the scenario cannot be had or does not fit.
+    Raises UserError if a system of the scenario cannot be had or does not fit.
     """
     given = (PREDICTED,) if scenario.localizes else ()
     return Halves(MakePilot(scenario, given), MakeNavigator(scenario))
@@ -54,10 +53,8 @@ class Pilot:
         """Constructs it.
 
         Args:
-            scenario: the race.
             halves: from make_halves(); it takes the pilot.
             endpoint: of the autonomy's side; from now on it receives what the pilot needs alone.
-            handover: to the navigator.
         """
         self._scenario, self._endpoint, self._handover = scenario, endpoint, handover
         self._side = MakePilotSide(scenario, *halves, halves.channels(scenario), endpoint)
@@ -92,11 +89,9 @@ class Pilot:
     def prepare(self, resume: Path | None = None) -> None:
         """Tells the navigator how it stands; to be called until is_ready().
 
-        Args:
-            resume: folder of a checkpoint to go on with, or None.
+        Args: resume: folder of a checkpoint to go on with, or None.
 
-        Raises:
-            UserError: if there is no such checkpoint.
+        Raises UserError if there is no such checkpoint.
         """
         self._hear()
         now = self._endpoint.now()
@@ -127,8 +122,7 @@ class Pilot:
     def step(self) -> bool:
         """Advances to what the simulation's clock shows, with what has come last, and sends.
 
-        Returns:
-            whether there was something to control.
+        Returns whether there was something to control.
         """
         side, context = self._side, self._context
         side.receiver.receive(context, self._endpoint)
@@ -150,7 +144,9 @@ class Pilot:
             side.sender.send(context)
         if context.get_time() - self._sent >= self._period:
             self._hand_over()
-            self._hand_over_states()
+            if self._endpoint.now() - self._kept >= CHECKPOINT_PERIOD:  # the navigator writes it
+                self._kept = self._endpoint.now()
+                self._handover.send(States(states_of(side.part, context)))
         rate = self._scenario.controller.rate
         return int(rate * context.get_time()) > int(rate * before)
 
@@ -167,13 +163,6 @@ class Pilot:
         self._sent = self._context.get_time()
         values = {name: port.Eval(self._context) for name, port in self._outputs.items()}
         self._handover.send(PortValues(self._sent, values))
-
-    def _hand_over_states(self):
-        """Hands over what the pilot knows, once in a while, for the navigator to write it down."""
-        now = self._endpoint.now()
-        if now - self._kept >= CHECKPOINT_PERIOD:
-            self._kept = now
-            self._handover.send(States(states_of(self._side.part, self._context)))
 
     def _initialize(self, fresh):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""

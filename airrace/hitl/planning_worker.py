@@ -1,20 +1,18 @@
 """Plans laps in another process, so that nothing else of the autonomy waits for a solver.
 
 The process is told the scenario, and then of each problem what is new; what it answers is a lap
-plan. All are the messages of the link, each after its length.
+plan. All but the first are messages of the link.
 """
 
 import contextlib
 import os
-import select
-import struct
-import subprocess
+import socket
 import sys
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from airrace.common.immutable import Immutable
-from airrace.common.processes import child_environment
 from airrace.common.resources import load_yaml
+from airrace.hitl.link.message_socket import MessageSocket, start_module
 from airrace.hitl.link.plan_messages import LAP_PLAN, PLAN_REQUEST
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.planning.lap_plan import NO_PLAN
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
     from airrace.systems.planning.laps import LapProblem, PlanRequest
 
 _NICE = 15  # control comes first
-_LENGTH = struct.Struct("=I")
 _KEPT = 4  # plans that the next search may start from
 
 
@@ -34,66 +31,41 @@ class PlanningWorker:
 
     def __init__(self, scenario: Scenario) -> None:
         """Args: scenario: of the race; its planner solves them."""
-        process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=child_environment(),
-        )
-        assert process.stdin is not None and process.stdout is not None  # they are pipes
-        self._process, self._requests, self._answers = process, process.stdin, process.stdout
-        with contextlib.suppress(OSError):
-            _write(self._requests, scenario_yaml(scenario).encode())
+        self._process, end = start_module(__name__)
+        self._link = MessageSocket(end)
+        self._link.send(scenario_yaml(scenario).encode())
 
     def submit(self, problem: "LapProblem") -> "PlanningJob":
         """Starts to solve a LapProblem; the job before, if any, is done or given up."""
-        return PlanningJob(self._requests, self._answers, problem)
+        return PlanningJob(self._link, problem)
 
     def close(self) -> None:
         """Ends the process."""
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        self._link.close()
 
 
 class PlanningJob(Immutable):
     """A problem that is being solved elsewhere."""
 
-    def __init__(self, requests: IO[bytes], answers: IO[bytes], problem: "LapProblem"):
-        self._answers, self._plan, self._is_done = answers, None, False
-        try:
-            _write(requests, PLAN_REQUEST.encode(problem.request).encode())
-        except OSError:
-            self._is_done = True  # without a worker there is no plan
+    def __init__(self, link: MessageSocket, problem: "LapProblem"):
+        self._link, self._plan, self._is_done = link, None, False
+        link.send(PLAN_REQUEST.encode(problem.request).encode())
 
     def __reduce__(self) -> tuple:
         return (type(None), ())  # in a checkpoint, where no worker goes on with it
 
     def done(self) -> bool:
         """Whether there is a result."""
-        if not self._is_done and select.select([self._answers], [], [], 0.0)[0]:
-            self._is_done = True
-            with contextlib.suppress(EOFError):  # the worker has died
-                plan = LAP_PLAN.decode(LAP_PLAN.message_type.decode(_read(self._answers)))
-                self._plan = None if plan is NO_PLAN else plan
-        return self._is_done
+        if not self._is_done and (answer := self._link.receive()) is not None:
+            plan = LAP_PLAN.decode(LAP_PLAN.message_type.decode(answer))
+            self._plan, self._is_done = None if plan is NO_PLAN else plan, True
+        return self._is_done or self._link.is_broken  # without a worker there is no plan
 
     def result(self) -> "LapPlan | None":
         """Returns the LapPlan, or None if there is none."""
         return self._plan
-
-
-def _write(pipe: IO[bytes], data: bytes) -> None:
-    pipe.write(_LENGTH.pack(len(data)) + data)
-    pipe.flush()
-
-
-def _read(pipe: IO[bytes]) -> bytes:
-    """Returns the next message; raises EOFError if there is none, or not all of it."""
-    head = pipe.read(_LENGTH.size)
-    data = pipe.read(_LENGTH.unpack(head)[0]) if len(head) == _LENGTH.size else b""
-    if not data:
-        raise EOFError
-    return data
 
 
 class _Solver:
@@ -121,22 +93,22 @@ def _name(plan):
     return plan.lap, plan.circuit.duration  # it may have been put off
 
 
-def main() -> None:
-    """Solves what comes on standard input, until it ends."""
+def main(fileno: int) -> None:
+    """Solves what the process at the other end of a socket asks for, until it ends."""
     os.nice(_NICE)  # before the imports: they take seconds of a processor
     from airrace.diagrams.autonomy import make_systems
 
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    link = MessageSocket(socket.socket(fileno=fileno))
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what solvers print
-    with contextlib.suppress(KeyboardInterrupt, EOFError):
-        text = _read(sys.stdin.buffer).decode()
-        scenario = load_yaml(Scenario, data=text, child_name="Defaults")
+    with contextlib.suppress(KeyboardInterrupt):
+        if (text := link.wait_for_message()) is None:
+            return
+        scenario = load_yaml(Scenario, data=text.decode(), child_name="Defaults")
         solver = _Solver(make_systems(scenario, ["lap_planner"])["lap_planner"])
-        while True:
-            message = PLAN_REQUEST.message_type.decode(_read(sys.stdin.buffer))
-            plan = solver.solve(PLAN_REQUEST.decode(message)) or NO_PLAN
-            _write(answers, LAP_PLAN.encode(plan).encode())
+        while request := link.wait_for_message():
+            asked = PLAN_REQUEST.decode(PLAN_REQUEST.message_type.decode(request))
+            link.send(LAP_PLAN.encode(solver.solve(asked) or NO_PLAN).encode())
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]))

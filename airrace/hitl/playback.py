@@ -1,4 +1,4 @@
-"""Half an autonomy that flies by messages of a race that nobody flies: recorded, or made up."""
+"""Half an autonomy that flies by messages that are made up: a drone stands before a gate."""
 
 import abc
 import time
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from airrace.diagrams.standing_drone import Standing
 from airrace.diagrams.wiring import initial_values
 from airrace.hitl.handover import PortValues, Ready, queue_pair
 from airrace.hitl.lcm_bridge import navigator_inputs, pilot_inputs
@@ -19,6 +20,7 @@ from airrace.hitl.navigator import Navigator
 from airrace.hitl.pilot import Halves, Pilot, make_halves
 
 if TYPE_CHECKING:
+    from airrace.hitl.channels import PortChannel
     from airrace.scenario import Scenario
 
 LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
@@ -26,31 +28,58 @@ _TICK = 0.001  # s
 
 
 class Message(NamedTuple):
-    """A message of the simulation's.
+    """A message of the simulation's."""
 
-    Attributes:
-        time: simulated, at which it is sent (s).
-        channel: its name.
-        message: of airrace.lcmtypes.
+    time: float  # simulated, at which it is sent (s)
+    channel: str  # its name
+    message: Any  # of airrace.lcmtypes
+
+
+def standing(
+    scenario: "Scenario", channels: "Sequence[PortChannel]", duration: float
+) -> list[Message]:
+    """Returns what the simulation of a drone before a gate would send in a while (s)."""
+    values = Standing(scenario, duration)
+    messages = [
+        Message(
+            time,
+            channel.name,
+            channel.encode(
+                lossless=False, **{port: values.of(port, time) for port in channel.ports}
+            ),
+        )
+        for channel in channels
+        if channel.sender == SIMULATION and not channel.ports[0].startswith("truth.")
+        for time in np.arange(0.0, duration, 1.0 / channel.rate).tolist()
+    ]
+    return sorted(messages, key=lambda each: each.time)
+
+
+def made_up_values(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[PortValues]:
+    """Returns what the other half of the autonomy of a drone that stands there would say.
+
+    Args: told: name of each port to what it holds at first.
     """
-
-    time: float
-    channel: str
-    message: Any
+    values, rate = Standing(scenario, duration), scenario.state_estimate.rate
+    times = np.arange(0.0, duration, 1.0 / rate).tolist()
+    return [
+        PortValues(time, {port: values.told(port, first, time) for port, first in told.items()})
+        for time in times
+    ]
 
 
 class Playback(abc.ABC):
-    """Has half of the real autonomy fly by given messages, in real time but for the waiting.
+    """Has half of the real autonomy fly in real time but for the waiting.
 
-    It decodes them, computes, and sends, to nobody.
+    It decodes messages, computes, and sends, to nobody.
 
     Attributes:
         channels: PortChannels of the race.
-        told: name of each port that the other half hands over to what it holds at first.
     """
 
     def __init__(self, scenario: "Scenario", halves: Halves, told: dict):
-        self.channels, self.told = halves.channels(scenario), told
+        self._scenario, self._told = scenario, told  # name of a port to what it holds at first
+        self.channels = halves.channels(scenario)
         self._link = SimulatedLink(LINK)
         bus, clock = self._link.bus(), self._link.clock
         self._own = Endpoint(AUTONOMY, self.channels, bus, clock)
@@ -59,29 +88,19 @@ class Playback(abc.ABC):
 
     @abc.abstractmethod
     def _prepare(self) -> bool:
-        """Takes in what has come before the start; returns whether it is ready."""
-
-    @abc.abstractmethod
-    def _start(self) -> None:
-        """Starts."""
+        """Takes in what has come before the start; starts, and returns True, if it is ready."""
 
     @abc.abstractmethod
     def _step(self) -> object:
         """Works on what has come."""
 
-    def play(
-        self, messages: Sequence[Message], received: Sequence[PortValues], duration: float
-    ) -> np.ndarray:
-        """Flies for a while from the start.
+    def play(self, duration: float) -> np.ndarray:
+        """Flies from the start for a while (s), by made-up messages.
 
-        Args:
-            messages: of the simulation, in the order of their times, at least one of each channel.
-            received: what the other half says, in the order of the times, at least once.
-            duration: (s).
-
-        Returns:
-            how long this half took for each millisecond (s), (n,).
+        Returns how long this half took for each millisecond (s), (n,).
         """
+        messages = standing(self._scenario, self.channels, duration)
+        received = made_up_values(self._scenario, self._told, duration)
         first = {each.channel: each for each in reversed(messages)}
         is_ready = False
         while not is_ready:
@@ -91,9 +110,10 @@ class Playback(abc.ABC):
                     self._send(each)
                 self._other.send(Ready())
                 self._other.send(received[0])
-            self._listen(phases.WAITING)
+            self._simulation.drain()
+            self._own.drain()
+            self._own.beat(phases.WAITING, 0.0)
             is_ready = self._prepare()
-        self._start()
         start, waiting, words = self._link.time, deque(messages), deque(received)
         spent = np.zeros(round(duration / _TICK))
         for i in range(len(spent)):
@@ -113,11 +133,6 @@ class Playback(abc.ABC):
             spent[i] = time.perf_counter() - clock
         return spent
 
-    def _listen(self, phase):
-        self._simulation.drain()
-        self._own.drain()
-        self._own.beat(phase, 0.0)
-
     def _send(self, each):
         self._simulation.publish(each.channel, each.message, each.time)
 
@@ -134,10 +149,9 @@ class PilotPlayback(Playback):
 
     def _prepare(self):
         self._pilot.prepare()
-        return self._pilot.is_ready()
-
-    def _start(self):
-        self._pilot.start()
+        if is_ready := self._pilot.is_ready():
+            self._pilot.start()
+        return is_ready
 
     def _step(self):
         self._pilot.step()
@@ -165,9 +179,6 @@ class NavigatorPlayback(Playback):
     def _prepare(self):
         self._navigator.step()
         return self._navigator.is_started
-
-    def _start(self):
-        pass
 
     def _step(self):
         self._navigator.step()

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from airrace.diagrams.command_watchdog import AddCommandWatchdog
 from airrace.diagrams.transport import POLL_PERIOD, Transport
-from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
+from airrace.hitl.received_ports import LcmReceiver
 from airrace.systems.failsafe.command_watchdog import HOVER, LAND
 
 if TYPE_CHECKING:
@@ -44,8 +44,6 @@ class Remote(Transport):
         """Constructs the transport.
 
         Args:
-            channels: PortChannels of the race.
-            endpoint: of this side, connected to the autonomy.
             poll: called again and again, for the log of the autonomy's process; returns
                 its exit code if it has ended.
         """
@@ -80,6 +78,7 @@ class LockstepRemote(Remote):
     """Tick by tick: the same race as SITL, to the last bit."""
 
     mode = LOCKSTEP
+    _over: str | None = None  # why the race cannot go on
 
     def _add_command(self, builder, scenario, simulation, autonomy):
         builder.Connect(
@@ -89,30 +88,32 @@ class LockstepRemote(Remote):
         self._times = lockstep_times(scenario, POLL_PERIOD)
 
     def begin(self, simulator: "Simulator") -> None:
-        context = simulator.get_mutable_context()
-        await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
-        self._start_exchange()
-        next(self._times)
-        self._exchange.send(context)
-        self._exchange.receive(context)
-        self._next = next(self._times)
-
-    def _start_exchange(self):
+        self._meet()
         self._exchange = Exchange(self._endpoint, self._receiver, self._sender)
+        next(self._times)
+        self._over = self._step(simulator.get_mutable_context())
+        self._next = next(self._times)
 
     def advance(self, simulator: "Simulator", end: float) -> str | None:
         context = simulator.get_mutable_context()
-        ended = lambda: self._poll() is not None  # noqa: E731
-        while self._next <= end:
+        while self._over is None and self._next <= end:
             simulator.AdvanceTo(self._next)
-            self._exchange.send(context)
-            try:
-                if self._exchange.receive(context, stop=ended):
-                    return "the autonomy left the race"
-            except PeerLost as e:
-                return f"the autonomy fell silent for {e.args[0]:.0f} s"
+            self._over = self._step(context)
             self._next = next(self._times)
-        return None
+        return self._over
+
+    def _meet(self) -> None:
+        """Waits until the autonomy is ready."""
+        await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
+
+    def _step(self, context: "Context") -> str | None:
+        """Exchanges the messages of one step; returns why the race cannot go on, or None."""
+        self._exchange.send(context)
+        try:
+            left = self._exchange.receive(context, stop=lambda: self._poll() is not None)
+        except PeerLost as e:
+            return f"the autonomy fell silent for {e.args[0]:.0f} s"
+        return "the autonomy left the race" if left else None
 
 
 class RealTimeRemote(Remote):

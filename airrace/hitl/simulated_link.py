@@ -27,13 +27,7 @@ class SimulatedRemote(RealTimeRemote):
     """
 
     def __init__(self, scenario: "Scenario", link: LinkConfig, output_dir: Path):
-        """Constructs both sides.
-
-        Args:
-            scenario: the race; its ``link_delay`` is used.
-            link: between them.
-            output_dir: of the autonomy.
-        """
+        """Constructs both sides; the scenario's ``link_delay`` is used."""
         self._link = SimulatedLink(link)
         clock, halves = self._link.clock, make_halves(scenario)
         channels = halves.channels(scenario)

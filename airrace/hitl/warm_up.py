@@ -8,8 +8,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.race import MakeRace
-from airrace.hitl.made_up_messages import made_up_values, standing
-from airrace.hitl.playback import LINK, NavigatorPlayback, PilotPlayback, Playback
+from airrace.hitl.playback import LINK, NavigatorPlayback, PilotPlayback
 from airrace.hitl.simulated_link import SimulatedRemote
 from airrace.scenario import LINK_DELAY, Scenario
 from airrace.systems.control.rotor_commands import set_speeds
@@ -23,9 +22,6 @@ def warm_up(scenario: Scenario) -> None:
 
     The machine code of the inner loops is compiled, or read from the disk, when it is
     first called (see airrace/common/jit.py).
-
-    Args:
-        scenario: of the race.
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
@@ -45,9 +41,7 @@ def warm_up_pilot(scenario: Scenario, briefly: bool = False) -> None:
     What simulates and draws is not called, nor what the navigator runs: a companion does not need
     the one, and compiles the other in the navigator's process. A board takes minutes to compile.
 
-    Args:
-        scenario: of the race.
-        briefly: to go on with a race: the code is on the disk, and a drone is hovering.
+    Args: briefly: to go on with a race: the code is on the disk, and a drone is hovering.
     """
     play_pilot(scenario, _BRIEF if briefly else _TIME)
 
@@ -58,29 +52,16 @@ def warm_up_navigator(scenario: Scenario, briefly: bool = False) -> None:
 
 
 def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
-    """Flies the pilot alone by made-up messages, and forgets it.
+    """Flies the pilot alone for a while (s) by made-up messages, and forgets it.
 
-    Args:
-        scenario: of the race.
-        duration: (s).
-
-    Returns:
-        how long it took for each millisecond (s), (n,).
+    Returns how long it took for each millisecond (s), (n,).
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    return _play(PilotPlayback(scenario), scenario, duration)
+    return PilotPlayback(scenario).play(duration)
 
 
 def play_navigator(scenario: Scenario, duration: float) -> np.ndarray:
     """Flies the navigator alone by made-up messages, and forgets it; see play_pilot()."""
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
-        return _play(NavigatorPlayback(scenario, Path(folder)), scenario, duration)
-
-
-def _play(playback: Playback, scenario: Scenario, duration: float) -> np.ndarray:
-    return playback.play(
-        standing(scenario, playback.channels, duration),
-        made_up_values(scenario, playback.told, duration),
-        duration,
-    )
+        return NavigatorPlayback(scenario, Path(folder)).play(duration)

@@ -14,35 +14,24 @@ _PROCESSES = ("os.fork", "os.forkpty", "os.posix_spawn", "os.exec", "os.system",
 _SIMULATOR = ("airrace.diagrams.simulation", "airrace.diagrams.race", "airrace.league.entry_race")
 # What this Python itself reads to start, and what libraries ask about the processor and memory.
 _HARMLESS = (
-    "/dev/null",
-    "/dev/urandom",
-    "/proc/self",
-    "/proc/cpuinfo",
-    "/proc/meminfo",
-    "/proc/stat",
+    *("/dev/null", "/dev/urandom"),
+    *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat"),
 )
 _SYSTEM = ("/usr", "/lib", "/lib64", "/etc", "/bin", "/sys/devices/system/cpu")
 
 
 class Allowed(NamedTuple):
-    """Folders that an entry may use; what is in them, it may use as well.
+    """Folders that an entry may use; what is in them, it may use as well."""
 
-    Attributes:
-        read: from which it may read.
-        write: which it may read and write.
-        hidden: within those of ``read`` or ``write``, which it may not use.
-    """
-
-    read: tuple[str, ...]
-    write: tuple[str, ...]
-    hidden: tuple[str, ...] = ()
+    read: tuple[str, ...]  # from which it may read
+    write: tuple[str, ...]  # which it may read and write
+    hidden: tuple[str, ...] = ()  # within those of ``read`` or ``write``, which it may not use
 
 
 def note_attempts(allowed: Allowed) -> None:
     """From now on writes a line to standard output for every attempt, once each.
 
-    Args:
-        allowed: beside the system's libraries and this Python with its packages.
+    Args: allowed: beside the system's libraries and this Python with its packages.
     """
     read = (sys.prefix, sys.base_prefix, *allowed.read, *_SYSTEM)
     # To import a module, Python lists the folders of its path anew when one of them has changed.

@@ -18,10 +18,7 @@ _TAIL = 12  # lines of what an entry wrote
 def show_entry(entry: Entry, why_unsafe: str | None, show: Callable[[str], object]) -> None:
     """Shows what an entry is, line by line.
 
-    Args:
-        entry: an accepted one.
-        why_unsafe: why this computer offers no sandbox, or None.
-        show: takes lines.
+    Args: why_unsafe: why this computer offers no sandbox, or None.
     """
     config, files = entry.config, entry.files
     size = sum(map(len, files.values())) / 1e6
@@ -36,12 +33,7 @@ def show_entry(entry: Entry, why_unsafe: str | None, show: Callable[[str], objec
 
 
 def fly_check(entry: Entry, safe: bool) -> dict:
-    """Flies one lap of the hexagon; returns its row, see worker.fly().
-
-    Args:
-        entry: an accepted one.
-        safe: whether in a sandbox.
-    """
+    """Flies one lap of the hexagon, in a sandbox if ``safe``; returns its row, see fly()."""
     (leg,) = make_legs(_SEASON, "a race that everybody may know")
     sandbox = SandboxConfig(safe=safe, replay=False, limits=_SEASON.limits)
     return fly(make_flight(_SEASON, leg, entry, sandbox, versions({})), "check")

@@ -1,15 +1,12 @@
 """airrace league: entries of a class race on hidden tracks, each in a sandbox of its own."""
 
 import functools
-import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
-from airrace.common.errors import UserError
 from airrace.common.interrupts import sigterm_as_ctrl_c
 
 if TYPE_CHECKING:
@@ -86,8 +83,8 @@ def check(
     """
     from rich.console import Console
 
+    from airrace.evaluation.races_display import print_line
     from airrace.league.check import fly_check, show_entry, show_flight
-    from airrace.league.display import print_line
     from airrace.league.entry import load_entry
     from airrace.league.sandbox import check_sandbox, why_no_sandbox
 
@@ -130,17 +127,12 @@ def run(
     """
     from airrace.common.files import results_folder, run_path
     from airrace.diagrams.race import RESULTS
-    from airrace.league.result import settings
+    from airrace.evaluation.command import check_flying
     from airrace.league.sandbox import check_sandbox, why_no_sandbox
-    from airrace.league.season_files import LeagueStore, keep_sources
+    from airrace.league.season_files import LeagueStore, keep_sources, settings
     from airrace.league.season_run import make_plan
 
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers must be at least 1, not {workers}.")
-    if workers is not None and scheduler is not None:
-        raise UserError("--workers and --scheduler exclude each other: leave one out.")
-    if resume and output is None:
-        raise UserError("--resume needs --output, the folder of the season to go on with.")
+    check_flying(output, resume, workers, scheduler)
     check_sandbox(unsafe)
     safe = why_no_sandbox() is None
     with _status("Making tracks"):
@@ -162,40 +154,31 @@ def _fly(
     cluster_options: tuple[int | None, str | None],
 ) -> int:
     """Flies what a store lacks, and shows them; returns the exit code."""
-    from airrace.evaluation import cluster
+    from airrace.evaluation.cluster import fly_missing
+    from airrace.evaluation.races_display import say_if_stopped
     from airrace.league.display import LeagueDisplay
-    from airrace.league.season_run import fly_season
+    from airrace.league.season_files import keep_files
+    from airrace.league.worker import fly
 
-    workers, scheduler = cluster_options
-    if scheduler is not None:
-        connection = cluster.running_cluster(scheduler)
-    else:
-        connection = cluster.local_cluster(workers or os.cpu_count() or 1)
-    stopped = None
-    display = LeagueDisplay(plan, store.rows)
-    try:
-        with display:
-            fly_season(connection, plan.flights, folder, store, display.show)
-    except KeyboardInterrupt:
-        stopped = "interrupted"
-    except cluster.EvaluationStopped as e:
-        stopped = str(e)
-    _report(plan, settings, folder, store.rows)
-    if stopped:
-        print(
-            f"airrace: {stopped}; {len(store.rows)} of {len(plan.flights)} races are in {folder}: "
-            "the same command with --resume flies the others.",
-            file=sys.stderr,
+    with LeagueDisplay(plan, store.rows) as display:
+        stopped = fly_missing(
+            plan.flights,
+            store,
+            cluster_options,
+            display.show,
+            systems={},
+            keep=lambda row: keep_files(folder, row),
+            fly=fly,
         )
-    return 1 if stopped else 0
+    _report(plan, settings, folder, store.rows)
+    return say_if_stopped(stopped, len(store.rows), len(plan.flights), folder)
 
 
 def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
     """Writes league.json and league.html, and prints the ranking."""
     from airrace.league.display import print_ranking
-    from airrace.league.duels import make_duels
-    from airrace.league.page import write_page
-    from airrace.league.result import write_league
+    from airrace.league.page import make_duels, write_page
+    from airrace.league.season_files import write_league
 
     league = write_league(folder, settings, plan.legs, rows)
     duels: list[dict] = []
@@ -230,7 +213,7 @@ def verify(
         all: fly all races again (default: of each entry the one with the quickest mean lap)
         unsafe: fly entries without a sandbox, where this computer offers none
     """
-    from airrace.league.verify import verify_league
+    from airrace.league.proof import verify_league
 
     return verify_league(league, seed_file, (entry, race, all), unsafe)
 

@@ -5,49 +5,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+
+from airrace.evaluation.races_display import RacesDisplay, print_line
 
 if TYPE_CHECKING:
     from airrace.league.season_run import Plan
 
 
-class LeagueDisplay(Progress):
-    """Shows a season; inside its ``with`` block the bar is live. It is on standard error."""
+class LeagueDisplay(RacesDisplay):
+    """Shows a season."""
 
     def __init__(self, plan: "Plan", rows: list[dict]):
         """Args: plan: of the season. rows: of the races that were flown before."""
+        entries, legs = len(plan.entries), len(plan.legs)
         super().__init__(
-            TextColumn("Racing"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(elapsed_when_finished=True),
-            console=Console(stderr=True),
+            [
+                f"airrace: {plan.season.name}: {entries} entries, {legs} races each",
+                *(f"not accepted: {name}: {reason}" for name, reason in plan.refused.items()),
+            ],
+            len(rows),
+            len(plan.flights),
         )
-        self._plan, self._ended, self._total = plan, len(rows), len(plan.flights)
-        self._bar = self.add_task("", total=self._total, completed=self._ended)
-
-    def __enter__(self) -> "LeagueDisplay":
-        plan = self._plan
-        print_line(
-            self.console,
-            f"airrace: {plan.season.name}: {len(plan.entries)} entries, "
-            f"{len(plan.legs)} races each",
-        )
-        for name, reason in plan.refused.items():
-            print_line(self.console, f"not accepted: {name}: {reason}")
-        if self._ended:
-            print_line(
-                self.console, f"{self._ended} of {self._total} races have been flown already."
-            )
-        return super().__enter__()
 
     def show(self, row: dict) -> None:
         """Shows that a race has ended."""
-        self._ended += 1
-        self.update(self._bar, completed=self._ended)
-        number = f"[{self._ended:{len(str(self._total))}}/{self._total}]"
-        print_line(self.console, f"{number} race {row['leg']}, {row['entry']}: {words_of(row)}")
+        self.show_line(f"race {row['leg']}, {row['entry']}: {words_of(row)}")
 
 
 def words_of(row: dict) -> str:
@@ -84,8 +67,3 @@ def print_ranking(league: dict, page: Path) -> None:
         console = Console()
         console.print(table)
         print_line(console, f"Results: {page}")
-
-
-def print_line(console: Console, line: str) -> None:
-    """Prints a line as it is: names and reasons may look like markup, and are not broken."""
-    console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)

@@ -63,19 +63,12 @@ class EntryConfig:
 
 @dc.dataclass(frozen=True)
 class Entry:
-    """An entry whose files are sound.
+    """An entry whose files are sound."""
 
-    Attributes:
-        name: of its folder; results are filed under it.
-        folder: with its files.
-        config: of entry.yaml.
-        digest: of all files.
-    """
-
-    name: str
-    folder: Path
-    config: EntryConfig
-    digest: str
+    name: str  # of its folder; results are filed under it
+    folder: Path  # with its files
+    config: EntryConfig  # of entry.yaml
+    digest: str  # of all files
 
     @functools.cached_property
     def files(self) -> dict[str, bytes]:
@@ -105,7 +98,8 @@ def load_entry(name_or_folder: str | Path) -> Entry:
     _check_config(folder / ENTRY_FILE, config)
     _check_systems(folder, config)
     _check_packages(folder / ENTRY_FILE, config)
-    return Entry(name, folder, config, digest(*_tops(folder)))
+    # Of what is in the folder: the digest does not depend on the folder's name.
+    return Entry(name, folder, config, digest(*sorted(folder.iterdir())))
 
 
 def find_entry(name_or_folder: str | Path) -> Path:
@@ -121,17 +115,11 @@ def find_entry(name_or_folder: str | Path) -> Path:
     )
 
 
-def _tops(folder: Path) -> list[Path]:
-    """Returns what is in a folder: its digest does not depend on the folder's name."""
-    return sorted(folder.iterdir())
-
-
 def _check_files(folder: Path) -> None:
-    for path in sorted(folder.rglob("*")):
-        if path.is_symlink():
-            raise UserError(
-                f"{path} is a symbolic link: an entry brings its files itself; copy the file."
-            )
+    for path in sorted(filter(Path.is_symlink, folder.rglob("*"))):
+        raise UserError(
+            f"{path} is a symbolic link: an entry brings its files itself; copy the file."
+        )
     files = files_in(folder)
     size = sum(path.stat().st_size for path in files)
     if size > MAX_SIZE or len(files) > _MAX_FILES:
@@ -140,19 +128,16 @@ def _check_files(folder: Path) -> None:
             f"{_MAX_FILES} and {MAX_SIZE / 1e6:.0f} MB are accepted; remove what it does not need."
         )
     for path in files:
-        if path.suffix == ".py":
-            _check_syntax(path)
-
-
-def _check_syntax(path: Path) -> None:
-    try:
-        ast.parse(path.read_bytes(), filename=str(path))
-    except SyntaxError as e:
-        raise UserError(
-            f"{path} is no Python: {e.msg} at line {e.lineno}; correct it and check again."
-        ) from None
-    except (ValueError, RecursionError, MemoryError) as e:  # null bytes; nested too deeply
-        raise UserError(f"{path} is no Python: {e}; correct it and check again.") from None
+        if path.suffix != ".py":
+            continue
+        try:
+            ast.parse(path.read_bytes(), filename=str(path))
+        except SyntaxError as e:
+            raise UserError(
+                f"{path} is no Python: {e.msg} at line {e.lineno}; correct it and check again."
+            ) from None
+        except (ValueError, RecursionError, MemoryError) as e:  # null bytes; nested too deeply
+            raise UserError(f"{path} is no Python: {e}; correct it and check again.") from None
 
 
 def _check_config(path: Path, config: EntryConfig) -> None:
@@ -168,13 +153,11 @@ def _check_config(path: Path, config: EntryConfig) -> None:
             f"{path}: autonomy.policy must be none, learned, or a file of the entry's folder, "
             f"not '{autonomy.policy}'."
         )
-    for part, default in (
-        ("perception", PerceptionConfig().latency),
-        ("planner", PlannerConfig().latency),
-    ):
-        if getattr(autonomy, part).latency != default:
+    for part, default in (("perception", PerceptionConfig()), ("planner", PlannerConfig())):
+        if getattr(autonomy, part).latency != default.latency:
             raise UserError(
-                f"{path}: autonomy.{part}.latency is {default:g} s for all entries; leave it out."
+                f"{path}: autonomy.{part}.latency is {default.latency:g} s for all entries; leave "
+                "it out."
             )
     for part in ("explorer", "planner", "state_filter", "controller"):
         if getattr(autonomy, part).rate > _MAX_RATE:
@@ -199,9 +182,8 @@ def _check_systems(folder: Path, config: EntryConfig) -> None:
             raise UserError(
                 f"{folder / ENTRY_FILE}: systems.{name} must be module:callable, not '{path}'."
             )
-        if top != "airrace" and not any(
-            (folder / place).is_file() for place in (f"{top}.py", f"{top}/__init__.py")
-        ):
+        places = folder / f"{top}.py", folder / top / "__init__.py"
+        if top != "airrace" and not any(place.is_file() for place in places):
             raise UserError(
                 f"{folder / ENTRY_FILE}: systems.{name} names the module '{top}', and there is no "
                 f"{top}.py in the folder."

@@ -65,10 +65,7 @@ def set_limits(memory: float) -> None:
 def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
     """Builds the autonomy and races; returns the exit code.
 
-    Args:
-        end: of the link.
-        scratch: a folder for what it writes.
-        own_tmp: whether /tmp is this process' alone.
+    Args: scratch: a folder for what it writes. own_tmp: whether /tmp is this process' alone.
     """
     from airrace.diagrams.autonomy import MakeAutonomy
     from airrace.hitl.channels import make_channels

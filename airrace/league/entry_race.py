@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from airrace.common.errors import exit_code
 from airrace.common.files import write_json, write_text
 from airrace.common.resources import load_yaml
-from airrace.evaluation.lifeline import bound_to_worker
+from airrace.evaluation.race_process import bound_to_worker
 from airrace.league.sandbox import EntryProcess, SandboxConfig
 from airrace.league.scenarios import SCENARIO, TRACK
 
@@ -56,7 +56,11 @@ def _fly(folder: Path) -> int:
             _save_failure(folder, str(e))
             return 0
     if sandbox.replay:
-        write_text(results / REPLAY, _replay(results))
+        from airrace.analysis.run import load_run
+        from airrace.visualization.ghosts import make_ghosts, replay_page
+
+        page = replay_page(make_ghosts([load_run(results)]), pictures=False)
+        write_text(results / REPLAY, page)
     return 0
 
 
@@ -92,14 +96,6 @@ def _save_failure(folder: Path, reason: str) -> None:
     from airrace.evaluation.worker import NO_RESULT
 
     write_json(folder / RESULTS / "race.json", {**NO_RESULT, "dnf_reason": reason, "wall": None})
-
-
-def _replay(results: Path) -> str:
-    """Returns the page that shows a race again."""
-    from airrace.analysis.run import load_run
-    from airrace.visualization.ghosts import make_ghosts, replay_page
-
-    return replay_page(make_ghosts([load_run(results)]), pictures=False)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The simulation's end of a race whose autonomy is an entry in a sandbox."""
 
+import contextlib
 import dataclasses as dc
 import time
 from typing import TYPE_CHECKING, Any
@@ -36,31 +37,19 @@ class EntryFailed(Exception):
 
 @dc.dataclass
 class Conduct:
-    """How an entry behaved.
+    """How an entry behaved."""
 
-    Attributes:
-        steps: of the link.
-        missed_deadlines: steps that took more processor time than limits.step_cpu.
-        longest_step_s: processor time of the longest (s).
-        cpu_s: of the process, from its start (s).
-    """
-
-    steps: int = 0
-    missed_deadlines: int = 0
-    longest_step_s: float = 0.0
-    cpu_s: float = 0.0
+    steps: int = 0  # of the link
+    missed_deadlines: int = 0  # steps that took more processor time than limits.step_cpu
+    longest_step_s: float = 0.0  # processor time of the longest (s)
+    cpu_s: float = 0.0  # of the process, from its start (s)
 
 
 class GuardedBus(SocketBus):
-    """A SocketBus that notices if the other side is not what it should be.
+    """A SocketBus that notices if the other side is not what it should be."""
 
-    Attributes:
-        allowed: names of the channels that the other side may send on.
-        violation: a clause on what it did, or None.
-    """
-
-    allowed: tuple[str, ...] = ()
-    violation: str | None = None
+    allowed: tuple[str, ...] = ()  # names of the channels that the other side may send on
+    violation: str | None = None  # a clause on what it did, or None
     _at_step = 0  # bytes received before this step
 
     def begin_step(self) -> None:
@@ -71,20 +60,13 @@ class GuardedBus(SocketBus):
         if self.received - self._at_step > _MOST_SENT:
             self.violation = f"it sent more than {_MOST_SENT >> 20} MB in one step"
         elif channel == HEARTBEAT:
-            if _role(data) not in (AUTONOMY, None):
-                self.violation = "it spoke as the simulation"
+            with contextlib.suppress(packets.Dropped):  # it is no heartbeat
+                if packets.decode(data, lcmt_heartbeat).role != AUTONOMY:
+                    self.violation = "it spoke as the simulation"
         elif channel not in self.allowed:
             self.violation = f"it sent on {channel[:60]}, which is not a channel of the autonomy"
         if self.violation is None:
             super()._take(channel, data)
-
-
-def _role(data: bytes) -> str | None:
-    """Returns the role that a heartbeat says, None if it is none."""
-    try:
-        return packets.decode(data, lcmt_heartbeat).role
-    except packets.Dropped:
-        return None
 
 
 class EntryRemote(LockstepRemote):
@@ -108,9 +90,15 @@ class EntryRemote(LockstepRemote):
         self.conduct = Conduct()
         self._began, self._cpu = time.monotonic(), 0.0  # of this step: wall's clock, processor (s)
         self._reason: str | None = None
+        self._late = f"the entry did not answer within {limits.step_wall:g} s"
 
     def begin(self, simulator: "Simulator") -> None:
-        context = simulator.get_mutable_context()
+        super().begin(simulator)
+        if self._over is not None:
+            raise EntryFailed(self._over)
+        self.conduct = Conduct()  # what the first step loads is no matter of the race
+
+    def _meet(self) -> None:
         await_peer(
             self._endpoint,
             phases.READY,
@@ -118,26 +106,8 @@ class EntryRemote(LockstepRemote):
             timeout=self._limits.start_wall,
             poll=lambda: _check_start(self._process, self._bus),
         )
-        self._start_exchange()
-        next(self._times)
-        reason = self._step(context)
-        if reason is not None:
-            raise EntryFailed(reason)
-        self.conduct = Conduct()  # what the first step loads is no matter of the race
-        self._next = next(self._times)
-
-    def advance(self, simulator: "Simulator", end: float) -> str | None:
-        context = simulator.get_mutable_context()
-        while self._next <= end:
-            simulator.AdvanceTo(self._next)
-            reason = self._step(context)
-            if reason is not None:
-                return reason
-            self._next = next(self._times)
-        return None
 
     def _step(self, context: "Context") -> str | None:
-        """Exchanges the messages of one step; returns why the race cannot go on, or None."""
         self._began, self._reason = time.monotonic(), None
         self._cpu = self._process.cpu_time()
         self._bus.begin_step()
@@ -145,9 +115,10 @@ class EntryRemote(LockstepRemote):
         try:
             ended = self._exchange.receive(context, stop=self._must_stop)
         except PeerLost:
-            ended, self._reason = True, self._late()
+            ended, self._reason = True, self._late
         if ended or self._bus.violation:
-            return self._broken() or self._reason or "the entry left the race"
+            broken = self._bus.violation and f"the entry broke the rules: {self._bus.violation}"
+            return broken or self._reason or "the entry left the race"
         spent = self._process.cpu_time() - self._cpu
         self.conduct.steps += 1
         self.conduct.missed_deadlines += spent > self._limits.step_cpu
@@ -164,15 +135,8 @@ class EntryRemote(LockstepRemote):
                 f"the entry computed {self._limits.step_cpu_end:g} s for one step, and did not end"
             )
         elif time.monotonic() - self._began > patient(self._limits.step_wall):
-            self._reason = self._late()
+            self._reason = self._late
         return self._reason is not None or self._bus.violation is not None
-
-    def _late(self) -> str:
-        return f"the entry did not answer within {self._limits.step_wall:g} s"
-
-    def _broken(self) -> str | None:
-        violation = self._bus.violation
-        return violation and f"the entry broke the rules: {violation}"
 
 
 def meet_entry(
@@ -180,14 +144,9 @@ def meet_entry(
 ) -> EntryRemote:
     """Waits until an entry is there, and returns the Remote to race with.
 
-    Args:
-        scenario: the race, as the simulation knows it.
-        bus: to the entry.
-        process: of the entry.
-        limits: of the season.
+    Args: scenario: the race, as the simulation knows it.
 
-    Raises:
-        EntryFailed: if it does not come, or asks for what it must not have.
+    Raises EntryFailed if it does not come, or asks for what it must not have.
     """
     channels = make_channels(scenario, ())
     bus.allowed = tuple(channel.name for channel in channels if channel.sender == AUTONOMY)

@@ -1,6 +1,6 @@
-"""league.html: the ranking, every race with its replay, and how entries behaved."""
+"""league.html: the ranking, every race with its replay, how entries behaved; and its duels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,29 +36,25 @@ RANKING = (
 def write_page(folder: Path, league: dict, duels: Sequence[dict] = ()) -> Path:
     """Writes league.html, which needs no network; returns its path.
 
-    Args:
-        folder: of the season.
-        league: what league.json holds.
-        duels: of make_duels().
+    Args: league: what league.json holds. duels: of make_duels().
 
-    Raises:
-        UserError: if it cannot be written.
+    Raises UserError if it cannot be written.
     """
     settings = league["settings"]
-    teams = {entry["entry"]: entry for entry in settings["entries"]}
+    order = [each["entry"] for each in league["ranking"]]  # the best first
     flights = {(line["entry"], line["leg"]): line for line in league["flights"]}
     text = page_template("airrace.league", PAGE).render(
         league=league,
         season=settings["season"],
         settings=settings,
-        teams=teams,
+        teams={entry["entry"]: entry for entry in settings["entries"]},
         columns=RANKING,
         standings=[_standing(each, league) for each in league["ranking"]],
         rows=[
-            (leg, [_cell(folder, flights.get((name, leg["leg"]))) for name in _order(league)])
+            (leg, [_cell(folder, flights.get((name, leg["leg"]))) for name in order])
             for leg in league["legs"]
         ],
-        order=_order(league),
+        order=order,
         failures=[line for line in league["flights"] if not line["finished"]],
         attempts=_attempts(league),
         duels=duels,
@@ -67,11 +63,6 @@ def write_page(folder: Path, league: dict, duels: Sequence[dict] = ()) -> Path:
     path = folder / PAGE
     write_text(path, text)
     return path
-
-
-def _order(league: dict) -> list[str]:
-    """Returns the names of the entries, the best first."""
-    return [each["entry"] for each in league["ranking"]]
 
 
 def _standing(standing: dict, league: dict) -> dict[str, Any]:
@@ -112,3 +103,47 @@ def _attempts(league: dict) -> list[tuple[str, str, list[int]]]:
         for attempt in line["conduct"]["attempts"]:
             found.setdefault((line["entry"], attempt), []).append(line["leg"])
     return [(entry, attempt, legs) for (entry, attempt), legs in found.items()]
+
+
+def make_duels(
+    folder: Path, league: dict, show: Callable[[int], object] = lambda leg: None
+) -> list:
+    """Writes a page for each race that two entries have finished.
+
+    Args:
+        league: what league.json holds.
+        show: called with the number of each race before its page is made.
+
+    Returns dictionaries: ``leg``, ``link``, ``first`` and ``second`` (names of entries), ``gap_s``.
+
+    Raises UserError if a page cannot be written.
+    """
+    from airrace.analysis.run import load_run
+    from airrace.visualization.ghosts import make_ghosts, replay_page
+
+    duels = []
+    for leg in (line["leg"] for line in league["legs"]):
+        pair = two_best(league, leg)
+        if pair is None:
+            continue
+        runs = [folder / race_folder(line["entry"], leg) for line in pair]
+        if not all((run / "race.mcap").exists() for run in runs):
+            continue
+        show(leg)
+        page = folder / DUELS / f"{leg}.html"
+        if not page.exists() or page.stat().st_mtime < max(r.stat().st_mtime for r in runs):
+            page.parent.mkdir(exist_ok=True)
+            ghosts = make_ghosts([load_run(run) for run in runs], align="lap")
+            write_text(page, replay_page(ghosts, pictures=False))
+        first, second = pair
+        names = {"first": first["entry"], "second": second["entry"]}
+        gap = second["mean_lap_s"] - first["mean_lap_s"]
+        duels.append({"leg": leg, "link": f"{DUELS}/{leg}.html", **names, "gap_s": gap})
+    return duels
+
+
+def two_best(league: dict, leg: int) -> tuple[dict, dict] | None:
+    """Returns the two races with the quickest mean laps of those finished on a track, or None."""
+    done = [line for line in league["flights"] if line["leg"] == leg and line["finished"]]
+    done.sort(key=lambda line: (line["mean_lap_s"], line["entry"]))
+    return (done[0], done[1]) if len(done) > 1 else None

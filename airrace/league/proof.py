@@ -4,43 +4,108 @@ A race is a function of its scenario, its seed, the entry's files and the versio
 it. So nobody needs to believe a lap time: flown again, it must come out equal to the last bit.
 """
 
+import dataclasses as dc
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rich.console import Console
+
 from airrace.common.errors import UserError
 from airrace.evaluation.store import first_difference
 from airrace.evaluation.versions import mismatch, versions
 from airrace.league.entry import Entry, load_entry
-from airrace.league.result import FORMAT, figures, ranking_of
-from airrace.league.season import Leg, Season, season_digest, secret_digest
-from airrace.league.season_files import ENTRIES, race_folder
-from airrace.league.worker import result_digest
+from airrace.league.sandbox import SandboxConfig, check_sandbox, why_no_sandbox
+from airrace.league.season import (
+    Leg,
+    Season,
+    load_season,
+    make_legs,
+    read_secret,
+    season_digest,
+    secret_digest,
+)
+from airrace.league.season_files import ENTRIES, FORMAT, SEASON, figures, race_folder, ranking_of
+from airrace.league.worker import fly, make_flight, result_digest
 
 
 class Doubt(NamedTuple):
-    """Something that is not as it should be.
+    """Something that is not as it should be."""
 
-    Attributes:
-        where: what is wrong: an entry, a race, the season.
-        what: a clause on what is wrong.
+    where: str  # what is wrong: an entry, a race, the season
+    what: str  # a clause on what is wrong
+
+
+def verify_league(
+    path: Path, seed_file: Path | None, chosen: tuple[str | None, int | None, bool], unsafe: bool
+) -> int:
+    """Compares all files, flies races again, and says what is wrong; returns the exit code.
+
+    Args:
+        seed_file: with the secret seed; None: where the season says.
+        chosen: see choose(): entry, race, and whether all.
+
+    Raises UserError if it cannot be checked here.
     """
+    folder, league = path.parent, read_league(path)
+    check_versions(league)
+    check_sandbox(unsafe)
+    season = load_season(folder / SEASON)
+    secret = _secret(folder, season, seed_file)
+    again = choose(league["flights"], *chosen)
+    console = Console(stderr=True)
+    with console.status("Comparing files"):
+        legs = make_legs(season, secret)
+        doubts = [*check_season(league, season, secret, legs)]
+        entries, of_entries = load_flown_entries(folder, league)
+        doubts += [*of_entries, *check_files(folder, league)]
+    for doubt in doubts:
+        print(f"WRONG  {doubt.where}: {doubt.what}")
+    if not doubts:
+        print(f"right  all files of {len(league['flights'])} races agree")
+    trusted = not any(doubt.where == "season" for doubt in doubts)
+    for number, line in enumerate(again if trusted else [], 1):
+        name = describe(line)
+        if line["entry"] not in entries:
+            continue
+        leg = legs[line["leg"] - 1]
+        entry = entries[line["entry"]]
+        sandbox = SandboxConfig(safe=why_no_sandbox() is None, replay=False, limits=season.limits)
+        flight = make_flight(season, leg, entry, sandbox, league["settings"]["versions"])
+        with console.status(f"Flying {name} again ({number} of {len(again)})"):
+            row = fly(flight, "verify")
+        if "refused" in row:
+            raise UserError(f"The {name} was refused: {row['refused']}")
+        doubt = compare(folder, line, row["result"])
+        if doubt is None:
+            print(f"right  {name}, flown again, is equal to the last bit", flush=True)
+        else:
+            print(f"WRONG  {doubt.where}: {doubt.what}", flush=True)
+            doubts.append(doubt)
+    return 1 if doubts else 0
 
-    where: str
-    what: str
+
+def _secret(folder, season, seed_file):
+    """Returns the secret seed, from the file that is named or where the season's file may be."""
+    if seed_file is not None:
+        named = dc.replace(season, seed_file=str(seed_file.resolve()))
+        return read_secret(Path("--seed_file"), named)
+    for place in (folder, Path()):
+        if (place / season.seed_file).is_file():
+            return read_secret(place / SEASON, season)
+    raise UserError(
+        "Races cannot be flown again without the season's secret seed; name its file by "
+        "--seed_file."
+    )
 
 
 def read_league(path: Path) -> dict[str, Any]:
-    """Returns what a league.json holds.
-
-    Raises:
-        UserError: if it is none.
-    """
+    """Returns what a league.json holds; raises UserError if it is none."""
     try:
         league = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError):
+    except (OSError, ValueError):
         raise UserError(
             f"{path} cannot be read as a league's result; name the league.json in the folder of a "
             "season."
@@ -75,12 +140,7 @@ def check_season(league: dict, season: Season, secret: str, legs: Sequence[Leg])
 
 
 def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], list[Doubt]]:
-    """Returns the entries of a season by name, and doubts about them.
-
-    Args:
-        folder: of the season.
-        league: what its league.json holds.
-    """
+    """Returns the entries in a season's folder by name, and doubts about them."""
     entries, doubts = {}, []
     for line in league["settings"]["entries"]:
         name = line["entry"]
@@ -95,10 +155,7 @@ def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], li
 
 
 def check_files(folder: Path, league: dict) -> Iterator[Doubt]:
-    """Yields what does not agree within a season's folder, without flying.
-
-    Args: see load_flown_entries().
-    """
+    """Yields what does not agree within a season's folder, without flying."""
     for line in league["flights"]:
         where = describe(line)
         path = folder / race_folder(line["entry"], line["leg"]) / "race.json"
@@ -122,7 +179,6 @@ def compare(folder: Path, line: dict, result: dict) -> Doubt | None:
     """Returns a doubt if a race, flown again, is another one than league.json says.
 
     Args:
-        folder: of the season.
         line: of the race in league.json.
         result: race.json without ``wall``, of the race flown again.
     """
@@ -152,12 +208,10 @@ def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: b
     """Returns which races of league.json to fly again.
 
     Args:
-        flights: of league.json.
         entry, leg: only that entry's, and only that race; None: any.
         every: whether all of them, else of each entry the one with the quickest mean lap.
 
-    Raises:
-        UserError: if there is none.
+    Raises UserError if there is none.
     """
     chosen = [
         line for line in flights if entry in (None, line["entry"]) and leg in (None, line["leg"])

@@ -16,44 +16,36 @@ _ROUNDING = 1e-9  # of steps: an end that lies on one counts as reached
 
 @dc.dataclass(frozen=True)
 class Standing:
-    """One line of the ranking.
+    """One line of the ranking."""
 
-    Attributes:
-        place: from 1; equal for those that are equal.
-        entry: its name.
-        races: that it has flown.
-        finished: how many of them it finished.
-        rate_low, rate_high: the 95 % interval (Wilson) of its finish rate.
-        step: rate_low, rounded down to a multiple of the season's rate_step.
-        mean_lap_s: mean of its mean laps over the races that all entries of its step finished,
-            if there is one, else over those that it finished itself (s); None without.
-        common: number of those races.
-        best_lap_s: its quickest lap (s), None without one; it does not count.
-    """
-
-    place: int
-    entry: str
-    races: int
-    finished: int
+    place: int  # from 1; equal for those that are equal
+    entry: str  # its name
+    races: int  # that it has flown
+    finished: int  # how many of them it finished
+    # rate_low, rate_high: the 95 % interval (Wilson) of its finish rate
     rate_low: float
     rate_high: float
-    step: float
+    step: float  # rate_low, rounded down to a multiple of the season's rate_step
+    # Mean of its mean laps over the races that all entries of its step finished, if there is one,
+    # else over those that it finished itself (s); None without
     mean_lap_s: float | None
-    common: int
-    best_lap_s: float | None
+    common: int  # number of those races
+    best_lap_s: float | None  # its quickest lap (s), None without one; it does not count
 
 
 def rank(entries: Sequence[str], flights: Sequence[dict], rate_step: float) -> list[Standing]:
     """Returns the ranking, the best first.
 
     Args:
-        entries: names of all that take part.
         flights: lines of league.json: ``entry``, ``leg``, ``finished``, ``mean_lap_s`` and
             ``best_lap_s``.
-        rate_step: of the season.
     """
-    laps = {name: _laps_of(name, flights) for name in entries}
-    drafts = {name: _draft(name, flights, len(laps[name]), rate_step) for name in entries}
+    own = {name: [each for each in flights if each["entry"] == name] for name in entries}
+    laps = {
+        name: {each["leg"]: each["mean_lap_s"] for each in own[name] if each["finished"]}
+        for name in entries
+    }
+    drafts = {name: _draft(name, own[name], rate_step) for name in entries}
     for step in {draft.step for draft in drafts.values()}:
         members = [name for name in entries if drafts[name].step == step and laps[name]]
         common = set.intersection(*({*laps[name]} for name in members)) if members else set()
@@ -76,17 +68,9 @@ def _merit(standing: Standing) -> tuple[float, float]:
     return -standing.step, math.inf if standing.mean_lap_s is None else standing.mean_lap_s
 
 
-def _laps_of(name: str, flights: Sequence[dict]) -> dict[int, float]:
-    """Returns the mean lap (s) of each race that an entry finished, by the race's number."""
-    return {
-        flight["leg"]: flight["mean_lap_s"]
-        for flight in flights
-        if flight["entry"] == name and flight["finished"]
-    }
-
-
-def _draft(name: str, flights: Sequence[dict], finished: int, rate_step: float) -> Standing:
-    own = [flight for flight in flights if flight["entry"] == name]
+def _draft(name: str, own: Sequence[dict], rate_step: float) -> Standing:
+    """Returns the line of an entry by its own races alone."""
+    finished = sum(flight["finished"] for flight in own)
     low, high = wilson_interval(finished, len(own))
     bests = [flight["best_lap_s"] for flight in own if flight["best_lap_s"] is not None]
     return Standing(

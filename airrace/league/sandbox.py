@@ -6,6 +6,7 @@ small. There is no network, no process of others, no environment variable of our
 handed over by us, and a pipe for what it writes.
 """
 
+import collections
 import contextlib
 import dataclasses as dc
 import functools
@@ -16,8 +17,10 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
+from typing import BinaryIO
 
 import numba
 
@@ -25,7 +28,7 @@ from airrace.common.errors import UserError
 from airrace.common.patience import patient
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.common.resources import PACKAGE, models_path
-from airrace.league.entry_log import EntryLog
+from airrace.league.attempts import MARK
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
 
@@ -38,31 +41,24 @@ _MODULE = "airrace.league.entry_process"
 _FILTER = "filter"  # file in the race's folder
 # Of the system; those that a computer does not have are left out.
 _SYSTEM = (
-    "/usr",
-    "/lib",
-    "/lib64",
-    "/bin",
-    "/etc/ld.so.cache",
-    "/etc/alternatives",
-    "/etc/localtime",
+    *("/usr", "/lib", "/lib64", "/bin"),
+    *("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime"),
 )
 _PROBE = 20.0  # s
 _END = 5.0  # s that it has to end by itself
+_MOST_ATTEMPTS = 50
+_TAIL = 200  # lines that are kept
+_LONGEST = 2000  # bytes of a line; a longer one counts as several
+_PATIENCE = 5.0  # s for the end of a pipe whose writer has ended
 
 
 @dc.dataclass
 class SandboxConfig:
-    """How an entry is held.
+    """How an entry is held."""
 
-    Attributes:
-        safe: whether there is a sandbox at all.
-        replay: whether a replay of the race is kept.
-        limits: of the season.
-    """
-
-    safe: bool = True
-    replay: bool = True
-    limits: Limits = dc.field(default_factory=Limits)
+    safe: bool = True  # whether there is a sandbox at all
+    replay: bool = True  # whether a replay of the race is kept
+    limits: Limits = dc.field(default_factory=Limits)  # of the season
 
 
 @functools.cache
@@ -95,6 +91,52 @@ def check_sandbox(unsafe: bool) -> None:
         )
 
 
+class EntryLog:
+    """Reads what an entry writes from a pipe, in a thread: it cannot take back what it has written.
+
+    It keeps the attempts, and the last lines; what is between is forgotten.
+    """
+
+    def __init__(self, pipe: BinaryIO):
+        """Args: pipe: the end to read from; it is closed at its end."""
+        self._pipe = pipe
+        self._attempts: dict[str, None] = {}
+        self._lines: collections.deque[str] = collections.deque(maxlen=_TAIL)
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    @property
+    def attempts(self) -> list[str]:
+        """What the entry tried that an autonomy must not, each once; see note_attempts()."""
+        with self._lock:
+            return list(self._attempts)
+
+    @property
+    def lines(self) -> list[str]:
+        """The last lines that it wrote, without attempts and without those that are empty."""
+        with self._lock:
+            return list(self._lines)
+
+    def wait(self) -> None:
+        """Waits until all has been read that an entry wrote before its end."""
+        self._thread.join(_PATIENCE)
+
+    def save(self, path: Path) -> None:
+        """Writes the last lines to a file."""
+        path.write_text("".join(f"{line}\n" for line in self.lines), encoding="utf-8")
+
+    def _read(self) -> None:
+        with self._pipe as pipe:
+            while read := pipe.readline(_LONGEST):
+                line = read.decode(errors="replace").strip()
+                with self._lock:
+                    if not line.startswith(MARK):
+                        self._lines += [line] if line else []
+                    elif len(self._attempts) < _MOST_ATTEMPTS:
+                        self._attempts[line.removeprefix(MARK)] = None
+
+
 class EntryProcess:
     """The process of an entry.
 
@@ -109,10 +151,8 @@ class EntryProcess:
         Args:
             folder: of the race, with TOLD in it.
             end: of a SocketBus; the entry's, which is closed on this side.
-            sandbox: how it is held.
 
-        Raises:
-            UserError: if it cannot be started.
+        Raises UserError if it cannot be started.
         """
         arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
         arguments.append(str(sandbox.limits.memory if sandbox.safe else 0))
@@ -194,12 +234,7 @@ def _bubblewrap() -> list[str]:
 
 
 def _mounts(folder: Path, limits: Limits) -> list[str]:
-    """Returns the options of bubblewrap that say what there is inside.
-
-    Args:
-        folder: of the race.
-        limits: of the season.
-    """
+    """Returns the options of bubblewrap that say what there is inside."""
     package, models = PACKAGE, models_path()
     mounts = []
     for path in _SYSTEM:

@@ -25,34 +25,23 @@ _PUBLIC = ("drone", "laps", "camera", "imu", "rotors", "plant_config", "state_es
 
 
 class Flown(NamedTuple):
-    """A race of an entry.
+    """A race of an entry."""
 
-    Attributes:
-        scenario: YAML of the Scenario of the simulation; its track is in TRACK.
-        entry_scenario: YAML of the Scenario of the entry, whose track is in TRACK beside it.
-        entry_track: YAML of that track, of which only the hover height is true.
-    """
-
-    scenario: str
-    entry_scenario: str
-    entry_track: str
+    scenario: str  # YAML of the Scenario of the simulation; its track is in TRACK
+    entry_scenario: str  # YAML of the Scenario of the entry, whose track is in TRACK beside it
+    entry_track: str  # YAML of that track, of which only the hover height is true
 
 
 def make_flown(season: Season, leg: Leg, entry: Entry) -> Flown:
     """Returns what is flown when an entry flies a race of a season.
 
-    Raises:
-        UserError: if the entry does not keep the season's rules.
+    Raises UserError if the entry does not keep the season's rules.
     """
     scenario = race_scenario(season, leg, entry)
     hover_height = load_yaml(Track, data=leg.track, what="the track").hover_height
-    return Flown(
-        _dump(scenario),
-        _dump(entry_scenario(scenario)),
-        yaml_dump_typed(
-            dc.replace(given_track(_SAMPLE)[0], hover_height=hover_height), schema=Track
-        ),
-    )
+    track = dc.replace(given_track(_SAMPLE)[0], hover_height=hover_height)
+    told = entry_scenario(scenario)
+    return Flown(_dump(scenario), _dump(told), yaml_dump_typed(track, schema=Track))
 
 
 def race_scenario(season: Season, leg: Leg, entry: Entry) -> Scenario:
@@ -72,14 +61,9 @@ def race_scenario(season: Season, leg: Leg, entry: Entry) -> Scenario:
     scenario = load_scenario(
         filename="levels", scenario_name=f"Level{leg.level}", scenario_text=season.scenario_text
     )
-    autonomy = {
-        field.name: getattr(config.autonomy, field.name) for field in dc.fields(config.autonomy)
-    }
-    policy = config.autonomy.policy
-    autonomy |= {
-        "estimator": estimator,
-        "policy": policy if policy in (NO_POLICY, LEARNED) else f"{ENTRY}/{policy}",
-    }
+    autonomy, policy = {**vars(config.autonomy)}, config.autonomy.policy
+    autonomy["estimator"] = estimator
+    autonomy["policy"] = policy if policy in (NO_POLICY, LEARNED) else f"{ENTRY}/{policy}"
     recording = dc.replace(scenario.recording, content="light" if season.replays else "none")
     scenario = dc.replace(
         scenario,
@@ -99,11 +83,7 @@ def race_scenario(season: Season, leg: Leg, entry: Entry) -> Scenario:
 
 
 def entry_scenario(scenario: Scenario) -> Scenario:
-    """Returns the scenario that an entry may see: how it is set, and what a data sheet says.
-
-    Args:
-        scenario: of the simulation.
-    """
+    """Returns what an entry may see of the simulation's scenario: settings, and a data sheet."""
     own = ("trajectory", "estimator", "policy", "perception", "explorer", "planner")
     own += ("state_filter", "rotor_monitor", "controller", "systems")
     told = Scenario(**{name: getattr(scenario, name) for name in (*_PUBLIC, *own)})

@@ -91,21 +91,13 @@ class Season:
 
 @dc.dataclass(frozen=True)
 class Leg:
-    """One race of a season, which every entry flies.
+    """One race of a season, which every entry flies."""
 
-    Attributes:
-        number: from 1.
-        level: of difficulty.
-        seed: of track and race; a secret until the season is over.
-        track: YAML of the track.
-        gates: number of them.
-    """
-
-    number: int
-    level: int
-    seed: int
-    track: str
-    gates: int
+    number: int  # from 1
+    level: int  # of difficulty
+    seed: int  # of track and race; a secret until the season is over
+    track: str  # YAML of the track
+    gates: int  # number of them
 
 
 def load_season(path: Path) -> Season:
@@ -124,14 +116,9 @@ def load_season(path: Path) -> Season:
 
 
 def read_secret(path: Path, season: Season) -> str:
-    """Returns the secret seed of a season.
+    """Returns the secret seed of a season, from the file that its own, at a path, names.
 
-    Args:
-        path: of the season's file.
-        season: what it says.
-
-    Raises:
-        UserError: if it cannot be read or is too short to be a secret.
+    Raises UserError if it cannot be read or is too short to be a secret.
     """
     file = path.parent / season.seed_file
     try:
@@ -162,8 +149,7 @@ def secret_digest(secret: str) -> str:
 def make_legs(season: Season, secret: str) -> list[Leg]:
     """Returns all races of a season; the same for the same season and secret.
 
-    Raises:
-        UserError: if a track cannot be had.
+    Raises UserError if a track cannot be had.
     """
     legs = []
     for level in season.levels:

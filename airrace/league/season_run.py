@@ -1,53 +1,35 @@
-"""Flies a season: every entry on every track, on the workers of a cluster."""
+"""What a season flies: every accepted entry on every track."""
 
-import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from airrace.common.errors import UserError
-from airrace.common.interrupts import interrupts_held
 from airrace.evaluation.versions import versions
 from airrace.league.entry import Entry, load_entry
 from airrace.league.sandbox import SandboxConfig
 from airrace.league.scenarios import make_flown
 from airrace.league.season import Leg, Season, load_season, make_legs, read_secret
-from airrace.league.season_files import LeagueStore, keep_files
-from airrace.league.worker import Flight, fly, make_flight
+from airrace.league.worker import Flight, make_flight
 
 
 class Plan(NamedTuple):
-    """All that is to be flown.
+    """All that is to be flown."""
 
-    Attributes:
-        season: the rules.
-        secret: its seed.
-        entries: that are accepted.
-        refused: names, or folders, of those that are not, and why.
-        legs: the races.
-        flights: of all entries.
-    """
-
-    season: Season
-    secret: str
-    entries: list[Entry]
-    refused: dict[str, str]
-    legs: list[Leg]
-    flights: list[Flight]
+    season: Season  # the rules
+    secret: str  # its seed
+    entries: list[Entry]  # that are accepted
+    refused: dict[str, str]  # names, or folders, of those that are not, and why
+    legs: list[Leg]  # the races
+    flights: list[Flight]  # of all entries
 
 
 def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Plan:
-    """Returns what is to be flown.
+    """Returns what is to be flown. An entry that is not accepted keeps no other from flying.
 
-    An entry that is not accepted keeps no other from flying.
+    Args: names: of shipped entries, or folders. safe: whether entries are in a sandbox.
 
-    Args:
-        season_file: YAML of the season.
-        names: of shipped entries, or folders.
-        safe: whether entries are in a sandbox.
-
-    Raises:
-        UserError: if the season is not sound, or no entry is.
+    Raises UserError if the season is not sound, or no entry is.
     """
     season = load_season(season_file)
     secret = read_secret(season_file, season)
@@ -84,39 +66,3 @@ def _accepted(
             )
         entries[entry.name] = entry
     return list(entries.values()), refused
-
-
-def fly_season(
-    connection: contextlib.AbstractContextManager,
-    flights: Sequence[Flight],
-    folder: Path,
-    store: LeagueStore,
-    show: Callable[[dict], None],
-) -> None:
-    """Flies the races that a store lacks, and keeps what they leave.
-
-    Args:
-        connection: from local_cluster() or running_cluster().
-        flights: all of the season.
-        folder: of the season.
-        store: in it.
-        show: called with the row of each race that has ended.
-
-    Raises:
-        EvaluationStopped: see fly_races().
-        UserError: if a worker has other versions, or a file cannot be written.
-    """
-    from airrace.evaluation import cluster
-
-    missing = [flight for flight in flights if flight.key not in store.keys]
-
-    def keep(row):
-        with interrupts_held():
-            kept = keep_files(folder, row)
-            store.append(kept)
-        show(kept)
-
-    if missing:
-        with connection as client:
-            cluster.check_workers(client, missing[0].versions, {})
-            cluster.fly_races(client, missing, keep, fly)

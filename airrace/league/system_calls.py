@@ -17,51 +17,35 @@ _EPERM, _ENOSYS = 1, 38
 _CLONE_THREAD = 0x00010000
 _X32 = 0x40000000  # numbers of another interface of x86-64's to the same calls
 
+_SOCK_FILTER = struct.Struct("=HBBI")  # code, jumps if true and if false, value
+
 _CLONE = {"x86_64": 56, "aarch64": 220}
 _CLONE3 = 435  # its flags are in memory, where a filter cannot look; the C library does without
+# Numbers by name and processor; one without a number has no such call.
 _REFUSED = {
-    "x86_64": {
-        "socket": 41,
-        "fork": 57,
-        "vfork": 58,
-        "ptrace": 101,
-        "mount": 165,
-        "add_key": 248,
-        "request_key": 249,
-        "keyctl": 250,
-        "unshare": 272,
-        "perf_event_open": 298,
-        "setns": 308,
-        "process_vm_readv": 310,
-        "process_vm_writev": 311,
-        "bpf": 321,
-        "userfaultfd": 323,
-        "io_uring_setup": 425,
-    },
-    "aarch64": {
-        "mount": 40,
-        "unshare": 97,
-        "ptrace": 117,
-        "socket": 198,
-        "add_key": 217,
-        "request_key": 218,
-        "keyctl": 219,
-        "perf_event_open": 241,
-        "setns": 268,
-        "process_vm_readv": 270,
-        "process_vm_writev": 271,
-        "bpf": 280,
-        "userfaultfd": 282,
-        "io_uring_setup": 425,
-    },
+    "socket": {"x86_64": 41, "aarch64": 198},
+    "fork": {"x86_64": 57},
+    "vfork": {"x86_64": 58},
+    "ptrace": {"x86_64": 101, "aarch64": 117},
+    "mount": {"x86_64": 165, "aarch64": 40},
+    "add_key": {"x86_64": 248, "aarch64": 217},
+    "request_key": {"x86_64": 249, "aarch64": 218},
+    "keyctl": {"x86_64": 250, "aarch64": 219},
+    "unshare": {"x86_64": 272, "aarch64": 97},
+    "perf_event_open": {"x86_64": 298, "aarch64": 241},
+    "setns": {"x86_64": 308, "aarch64": 268},
+    "process_vm_readv": {"x86_64": 310, "aarch64": 270},
+    "process_vm_writev": {"x86_64": 311, "aarch64": 271},
+    "bpf": {"x86_64": 321, "aarch64": 280},
+    "userfaultfd": {"x86_64": 323, "aarch64": 282},
+    "io_uring_setup": {"x86_64": 425, "aarch64": 425},
 }
 
 
 def make_filter(machine: str | None = None) -> bytes | None:
     """Returns the filter for a processor, or None if its calls are not known here.
 
-    Args:
-        machine: as platform.machine() calls it; by default, this computer's.
+    Args: machine: as platform.machine() calls it; by default, this computer's.
     """
     machine = machine or platform.machine()
     if machine not in _ARCHITECTURES:
@@ -75,8 +59,9 @@ def make_filter(machine: str | None = None) -> bytes | None:
         _jump(_AT_LEAST, _X32, over=0, otherwise=1),
         refused,
     ]
-    for number in _REFUSED[machine].values():
-        program += [_jump(_EQUAL, number, over=0, otherwise=1), refused]
+    for numbers in _REFUSED.values():
+        if machine in numbers:
+            program += [_jump(_EQUAL, numbers[machine], over=0, otherwise=1), refused]
     program += [
         _jump(_EQUAL, _CLONE3, over=0, otherwise=1),
         _return(_ERRNO | _ENOSYS),
@@ -90,18 +75,13 @@ def make_filter(machine: str | None = None) -> bytes | None:
 
 
 def _load(offset: int) -> bytes:
-    return _instruction(_LOAD, 0, 0, offset)
+    return _SOCK_FILTER.pack(_LOAD, 0, 0, offset)
 
 
 def _jump(test: int, value: int, over: int, otherwise: int) -> bytes:
     """Skips `over` instructions if the test holds, else `otherwise`."""
-    return _instruction(test, over, otherwise, value)
+    return _SOCK_FILTER.pack(test, over, otherwise, value)
 
 
 def _return(value: int) -> bytes:
-    return _instruction(_RETURN, 0, 0, value)
-
-
-def _instruction(code: int, true: int, false: int, value: int) -> bytes:
-    """Returns a struct sock_filter."""
-    return struct.pack("=HBBI", code, true, false, value)
+    return _SOCK_FILTER.pack(_RETURN, 0, 0, value)

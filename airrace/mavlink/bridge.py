@@ -16,13 +16,12 @@ from airrace.mavlink import telemetry
 from airrace.mavlink.client_link import ClientLink
 from airrace.mavlink.commands import ARM, RESET, SET_MODE, SETPOINTS, RefusedError, setpoint_of
 from airrace.mavlink.frames import ned_state
-from airrace.mavlink.picture_stream import datagrams, encode
 from airrace.mavlink.telemetry import Clock
-from airrace.scenario.mavlink_config import MavlinkConfig
+from airrace.scenario import Scenario
 from airrace.systems.control.setpoint import IDLE, NO_SETPOINT, as_setpoint, setpoint_vector
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.contact_sensor import CONTACTS_SIZE, GATE, as_contacts
+from airrace.systems.sensing.contact_sensor import CONTACT_RATE, CONTACTS_SIZE, GATE, as_contacts
 from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
 from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.track import Course
@@ -39,40 +38,13 @@ _ON_PAD = ExplorerStatus(state="ON_PAD", reason="waiting for the client to arm")
 
 
 class Flight(NamedTuple):
-    """What the bridge remembers, beside the set-point in force.
+    """What the bridge remembers, beside the set-point in force."""
 
-    Attributes:
-        started: when the drone was first armed (s), -1 before.
-        origin: of LOCAL_NED, where it was armed last (m), (3,).
-    """
-
-    started: float
-    origin: np.ndarray
+    started: float  # when the drone was first armed (s), -1 before
+    origin: np.ndarray  # of LOCAL_NED, where it was armed last (m), (3,)
 
 
-_PACKING = Packing(Flight, origin=3)
-_as_flight, _flight_vector = _PACKING.parts, _PACKING.vector
-
-
-class World(NamedTuple):
-    """What a bridge knows of the race.
-
-    Attributes:
-        track, vehicle: that are flown.
-        start: where the drone stands before it is armed (m), (3,).
-        config: of the interface.
-        imu_rate, fps, contact_rate: of IMU, camera and contact sensor (Hz).
-        seed: of what quirks draw.
-    """
-
-    track: Course
-    vehicle: Vehicle
-    start: np.ndarray
-    config: MavlinkConfig
-    imu_rate: float
-    fps: float
-    contact_rate: float
-    seed: int
+_FLIGHT = Packing(Flight, origin=3)
 
 
 class MavlinkBridge(LeafSystem):
@@ -107,27 +79,35 @@ class MavlinkBridge(LeafSystem):
         commands: how many commands were taken up, whether they could be obeyed or not.
     """
 
-    def __init__(self, *, world: World, link: ClientLink):
-        """Args: world: that is flown in. link: to the client."""
+    def __init__(
+        self,
+        *,
+        scenario: Scenario,
+        track: Course,
+        vehicle: Vehicle,
+        start: np.ndarray,
+        link: ClientLink,
+    ):
+        """Args: start: where the drone stands before it is armed (m), (3,). link: to the client."""
         LeafSystem.__init__(self)
-        self._world, self._link, self._config = world, link, world.config
-        self._quirks = world.config.quirks
+        self._scenario, self._track, self._vehicle, self._link = scenario, track, vehicle, link
+        self._config, self._quirks = scenario.mavlink, scenario.mavlink.quirks
         self.reset_wanted, self.imu_messages, self.commands = False, 0, 0
-        self._declare_ports()
+        self._declare_ports(start)
         # What was sent last. It is output, not state: nothing in the flight depends on it.
         self._imu_time = self._picture_time = -1.0
         self._frames, self._contacts = 0, (0.0, 0.0)
         self._jpeg = b""
-        self._imu_random = make_generator(world.seed, "mavlink imu")
+        self._imu_random = make_generator(scenario.seed, "mavlink imu")
         self._second, self._drop = -1, 0.0
-        self._picture_random = make_generator(world.seed, "mavlink pictures")
+        self._picture_random = make_generator(scenario.seed, "mavlink pictures")
         for rate, send in self._timetable():
             self.DeclarePeriodicPublishEvent(1.0 / rate, AFTER, send)
         self.DeclarePeriodicPublishEvent(1.0 / LISTEN_RATE, 0.0, self._listen)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / LISTEN_RATE, 0.0, self._obey)
 
-    def _declare_ports(self):
-        n = len(self._world.vehicle.rotors)
+    def _declare_ports(self, start):
+        n = len(self._vehicle.rotors)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
         self._rotors = self.DeclareVectorInputPort("rotor_speeds", n)
@@ -138,7 +118,7 @@ class MavlinkBridge(LeafSystem):
             "truth.referee_status", Value[object](RefereeStatus((), False, None, None, 0))
         )
         self._setpoint = self.DeclareDiscreteState(setpoint_vector(NO_SETPOINT))
-        self._flight = self.DeclareDiscreteState(_flight_vector(Flight(-1.0, self._world.start)))
+        self._flight = self.DeclareDiscreteState(_FLIGHT.vector(Flight(-1.0, start)))
         self.DeclareStateOutputPort("setpoint", self._setpoint)
         self.DeclareAbstractOutputPort(
             "explorer_status",
@@ -150,12 +130,12 @@ class MavlinkBridge(LeafSystem):
     def _timetable(self):
         """Returns pairs of a rate (Hz) and what is sent then; at equal times, in this order."""
         telling = [
-            (self._world.fps, self._send_picture),  # before the IMU's message that is answered
+            (self._scenario.camera.fps, self._send_picture),  # before the IMU's
             (HEARTBEAT_RATE, self._send_heartbeat),
             (ACTUATOR_RATE, self._send_actuators),
             (STATUS_RATE, self._send_status),
             (TRACK_RATE, self._send_track),
-            (self._world.contact_rate, self._send_collision),
+            (CONTACT_RATE, self._send_collision),
         ]
         if self._config.vq == 1:
             telling += [
@@ -163,11 +143,11 @@ class MavlinkBridge(LeafSystem):
                 (POSITION_RATE, self._send_position),
                 (ODOMETRY_RATE, self._send_odometry),
             ]
-        return [*telling, (self._world.imu_rate, self._send_imu)]
+        return [*telling, (self._scenario.imu.rate, self._send_imu)]
 
     def armed(self, context: Context) -> bool:
         """Whether the drone is armed; context: of this system."""
-        return bool(as_setpoint(self._wanted(context)).armed)
+        return bool(as_setpoint(context.get_discrete_state(self._setpoint).value()).armed)
 
     def finished(self, context: Context) -> bool:
         """Returns whether the drone has passed its last gate, of which the client hears soon."""
@@ -175,14 +155,14 @@ class MavlinkBridge(LeafSystem):
 
     def started(self, context: Context) -> float:
         """Returns when it was first armed (s), -1 before; context: of this system."""
-        return float(_as_flight(context.get_discrete_state(self._flight).value()).started)
+        return float(self._remembered(context).started)
 
     def greet(self) -> None:
         """Sends a HEARTBEAT while the time does not go on yet."""
         self._link.send(telemetry.heartbeat(armed=False))
 
-    def _wanted(self, context):
-        return context.get_discrete_state(self._setpoint).value()
+    def _remembered(self, context: Context) -> Flight:
+        return _FLIGHT.parts(context.get_discrete_state(self._flight).value())
 
     def _clock(self, time):
         return Clock(time, self._quirks.clock_offset)
@@ -201,44 +181,30 @@ class MavlinkBridge(LeafSystem):
         if time < 0.0 or time == self._imu_time:
             return
         self._imu_time = time
-        if self._imu_random.random() < self._dropped(time):
-            return
-        self.imu_messages += 1
-        self._link.send(
-            telemetry.highres_imu(
-                self._clock(time),
-                samples.specific_force[0],
-                samples.angular_velocity[0],
-                self._quirks.inverted_rates,
-            )
-        )
-
-    def _dropped(self, time):
-        """Returns the share of samples that load takes now: another one every second."""
-        if int(time) != self._second:
+        lost = self._imu_random.random()
+        if int(time) != self._second:  # load takes another share of samples every second
             self._second = int(time)
             self._drop = self._quirks.imu_drop * self._imu_random.random()
-        return self._drop
+        if lost < self._drop:
+            return
+        self.imu_messages += 1
+        force, rates = samples.specific_force[0], samples.angular_velocity[0]
+        inverted = self._quirks.inverted_rates
+        self._link.send(telemetry.highres_imu(self._clock(time), force, rates, inverted))
 
     def _send_actuators(self, context):
-        vehicle = self._world.vehicle
+        vehicle = self._vehicle
         thrusts = vehicle.thrust_coefficients * np.square(read_vector(self._rotors, context))
         self._link.send(telemetry.actuators(self._now(context), thrusts / vehicle.max_thrusts))
 
     def _send_status(self, context):
-        self._link.send(
-            telemetry.race_status(
-                self._now(context),
-                self.started(context),
-                self._referee.Eval(context),
-                len(self._world.track.gates),
-            )
-        )
+        started, status = self.started(context), self._referee.Eval(context)
+        gates = len(self._track.gates)
+        self._link.send(telemetry.race_status(self._now(context), started, status, gates))
 
     def _send_track(self, context):
-        hidden = self._config.vq != 1
-        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
-        for message in telemetry.track_messages(self._world.track, origin, hidden):
+        hidden, origin = self._config.vq != 1, self._remembered(context).origin
+        for message in telemetry.track_messages(self._track, origin, hidden):
             self._link.send(message)
 
     def _send_collision(self, context):
@@ -252,21 +218,21 @@ class MavlinkBridge(LeafSystem):
 
     def _ned(self, context):
         state = as_plant_state(read_vector(self._state, context))
-        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
-        return ned_state(state, rotation_matrix(np.array(state.quaternion)), origin)
+        R_WB = rotation_matrix(np.array(state.quaternion))
+        return ned_state(state, R_WB, self._remembered(context).origin)
 
     def _send_attitude(self, context):
         inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
-        ned = self._ned(context)
-        self._link.send(telemetry.attitude(self._now(context), ned, inverted, wrong))
+        message = telemetry.attitude(self._now(context), self._ned(context), inverted, wrong)
+        self._link.send(message)
 
     def _send_position(self, context):
         self._link.send(telemetry.local_position(self._now(context), self._ned(context)))
 
     def _send_odometry(self, context):
         inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
-        ned = self._ned(context)
-        self._link.send(telemetry.odometry(self._now(context), ned, inverted, wrong))
+        message = telemetry.odometry(self._now(context), self._ned(context), inverted, wrong)
+        self._link.send(message)
 
     def _send_picture(self, context):
         (taken,) = self._taken.Eval(context)
@@ -278,11 +244,11 @@ class MavlinkBridge(LeafSystem):
         if lost < self._quirks.lost_pictures:
             return
         if not (self._jpeg and repeated < self._quirks.repeated_pictures):
-            self._jpeg = encode(self._image.Eval(context).data, self._config.jpeg_quality)
-        copies = 2 if self._quirks.doubled_pictures else 1
-        time_ns = self._clock(taken).ns
-        for datagram in datagrams(frame, time_ns, self._jpeg, self._config.chunk_size):
-            for _ in range(copies):
+            picture = self._image.Eval(context).data
+            self._jpeg = telemetry.encode_picture(picture, self._config.jpeg_quality)
+        size, time_ns = self._config.chunk_size, self._clock(taken).ns
+        for datagram in telemetry.picture_datagrams(frame, time_ns, self._jpeg, size):
+            for _ in range(2 if self._quirks.doubled_pictures else 1):
                 self._link.send_picture(datagram)
 
     # What the client says.
@@ -309,7 +275,7 @@ class MavlinkBridge(LeafSystem):
             # What is not a number must not disarm a drone that flies.
             result = mavlink.MAV_RESULT_DENIED
             self._link.counts.refused += 1
-        self._link.send(telemetry.acknowledgement(message.command, result))
+        self._link.send(mavlink.MAVLink_command_ack_message(message.command, result))
         if result != mavlink.MAV_RESULT_ACCEPTED:
             return
         if message.command == RESET:
@@ -318,19 +284,18 @@ class MavlinkBridge(LeafSystem):
             setpoint = discrete_state.get_mutable_value(self._setpoint)
             wanted, arms = as_setpoint(setpoint), message.param1 == 1.0
             if arms and not wanted.armed:
-                flight = discrete_state.get_mutable_value(self._flight)
+                flight, time = discrete_state.get_mutable_value(self._flight), context.get_time()
                 position = as_plant_state(read_vector(self._state, context)).position
-                time = context.get_time()
-                started = _as_flight(flight).started
-                flight[:] = _flight_vector(Flight(time if started < 0.0 else started, position))
-                changed = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
-                setpoint[:] = setpoint_vector(changed)
+                started = _FLIGHT.parts(flight).started
+                flight[:] = _FLIGHT.vector(Flight(time if started < 0.0 else started, position))
+                idle = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
+                setpoint[:] = setpoint_vector(idle)
             elif not arms:
                 setpoint[:] = setpoint_vector(NO_SETPOINT)
 
     def _follow(self, context, discrete_state, message):
         setpoint = discrete_state.get_mutable_value(self._setpoint)
-        origin = _as_flight(discrete_state.value(self._flight)).origin
+        origin = _FLIGHT.parts(discrete_state.value(self._flight)).origin
         try:
             wanted = setpoint_of(message, origin, self._quirks.inverted_rates)
         except RefusedError:

@@ -1,5 +1,6 @@
 """The sockets between the simulator and one client."""
 
+import contextlib
 import dataclasses as dc
 import select
 import socket
@@ -20,44 +21,28 @@ _MOST_AT_ONCE = 2000  # datagrams that are read in one go: a flood must not stop
 
 
 class Addresses(NamedTuple):
-    """Where the client is.
+    """Where the client is."""
 
-    Attributes:
-        host: of the client. port: at which it waits for MAVLink. picture_port: for pictures.
-        bind: address of this computer that is used, 127.0.0.1 for nobody else.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 14550
-    picture_port: int = 5600
-    bind: str = "127.0.0.1"
+    host: str = "127.0.0.1"  # of the client
+    port: int = 14550  # at which it waits for MAVLink
+    picture_port: int = 5600  # for pictures
+    bind: str = "127.0.0.1"  # address of this computer that is used, 127.0.0.1 for nobody else
 
 
 @dc.dataclass
 class Counts:
-    """Datagrams and messages so far.
+    """Datagrams and messages so far."""
 
-    Attributes:
-        sent: messages. picture_datagrams: and datagrams of pictures.
-        received: messages that were good.
-        malformed: datagrams that are not MAVLink, in whole or in part.
-        oversized: datagrams that are too long.
-        unknown: messages of types that MAVLink's common set does not have, whose checksum nobody
-            knows.
-        replayed: messages whose number is not after the one before.
-        refused: commands that cannot be obeyed.
-        strangers: datagrams of other clients than the first.
-    """
-
-    sent: int = 0
-    picture_datagrams: int = 0
-    received: int = 0
-    malformed: int = 0
-    oversized: int = 0
+    sent: int = 0  # messages
+    picture_datagrams: int = 0  # and datagrams of pictures
+    received: int = 0  # messages that were good
+    malformed: int = 0  # datagrams that are not MAVLink, in whole or in part
+    oversized: int = 0  # datagrams that are too long
+    # Messages of types that MAVLink's common set does not have, whose checksum nobody knows
     unknown: int = 0
-    replayed: int = 0
-    refused: int = 0
-    strangers: int = 0
+    replayed: int = 0  # messages whose number is not after the one before
+    refused: int = 0  # commands that cannot be obeyed
+    strangers: int = 0  # datagrams of other clients than the first
 
 
 class ClientLink:
@@ -69,20 +54,13 @@ class ClientLink:
 
     Attributes:
         counts: see Counts.
+        client: address of the client that has answered, None before.
         messages: what came and was not taken yet, oldest first.
         note: shows a line.
     """
 
     def __init__(self, addresses: Addresses, note: Callable[[str], object] = print):
-        """Opens the sockets.
-
-        Args:
-            addresses: of both sides.
-            note: shows a line.
-
-        Raises:
-            UserError: if an address cannot be used.
-        """
+        """Opens the sockets; raises UserError if an address cannot be used."""
         self.counts, self.messages = Counts(), []
         self.note = note
         self._to, self._pictures_to = _resolved(addresses)
@@ -96,15 +74,10 @@ class ClientLink:
             ) from None
         self._writer = mavlink.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
         self._parser = mavlink.MAVLink(None)
-        self._client: tuple | None = None
+        self.client: tuple | None = None
         self._heard_at = -1e9
         self._numbers: dict[tuple[int, int], int] = {}
         self._strangers: set[tuple] = set()
-
-    @property
-    def client(self) -> tuple | None:
-        """Address of the client that has answered, None before."""
-        return self._client
 
     @property
     def address(self) -> tuple:
@@ -120,12 +93,14 @@ class ClientLink:
         """Sends a MAVLink message; what does not get through is lost, as always on UDP."""
         data = message.pack(self._writer)
         self._writer.seq = (self._writer.seq + 1) % 256
-        if _send(self._socket, data, self._client or self._to):
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, self.client or self._to)
             self.counts.sent += 1
 
     def send_picture(self, datagram: bytes) -> None:
         """Sends a datagram to the client's port of pictures."""
-        if _send(self._pictures, datagram, self._pictures_to):
+        with contextlib.suppress(OSError):
+            self._pictures.sendto(datagram, self._pictures_to)
             self.counts.picture_datagrams += 1
 
     def wait(self, seconds: float) -> bool:
@@ -149,24 +124,20 @@ class ClientLink:
         return taken
 
     def _take(self, data, sender):
+        is_free = self.client is None or time.monotonic() > self._heard_at + _PATIENCE
         if len(data) > _LARGEST:
             self.counts.oversized += 1
-        elif not self._is_client(sender):
+        elif sender != self.client and not is_free:
             self.counts.strangers += 1
             if sender not in self._strangers and len(self._strangers) < 100:
                 self._strangers.add(sender)
-                client = self._client or self._to
+                client = self.client or self._to
                 self.note(
                     f"Refused {_named(sender)}: {_named(client)} flies, and one client at a time."
                 )
         else:
             for message in self._parsed(data):
                 self._accept(message, sender)
-
-    def _is_client(self, sender):
-        if self._client in (None, sender):
-            return True
-        return time.monotonic() > self._heard_at + _PATIENCE
 
     def _parsed(self, data):
         """Returns the messages of a datagram, all of them or none."""
@@ -185,10 +156,10 @@ class ClientLink:
     def _accept(self, message, sender):
         now = time.monotonic()
         source = message.get_srcSystem(), message.get_srcComponent()
-        if sender != self._client or now > self._heard_at + _RESTART:
-            if sender != self._client:
+        if sender != self.client or now > self._heard_at + _RESTART:
+            if sender != self.client:
                 self.note(f"Client at {_named(sender)}.")
-            self._client, self._numbers = sender, {}
+            self.client, self._numbers = sender, {}
         number = message.get_seq()
         if source in self._numbers and not 0 < (number - self._numbers[source]) % 256 < 128:
             self.counts.replayed += 1
@@ -201,8 +172,7 @@ class ClientLink:
 def _resolved(addresses: Addresses) -> tuple[tuple, tuple]:
     """Returns where MAVLink and pictures go.
 
-    Raises:
-        UserError: if there is no such host, or it is another computer and --bind says nothing.
+    Raises UserError if there is no such host, or it is another computer and --bind says nothing.
     """
     try:
         host = socket.gethostbyname(addresses.host)
@@ -231,14 +201,6 @@ def _udp(bind):
         udp.close()
         raise
     return udp
-
-
-def _send(udp, data, address):
-    try:
-        udp.sendto(data, address)
-    except OSError:
-        return False
-    return True
 
 
 def _named(address):

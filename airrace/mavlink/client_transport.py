@@ -45,10 +45,13 @@ class ClientTransport(Transport):
     counts as the next answer, and how late it comes depends on the computer.
 
     Attributes:
+        bridge: of the diagram that was built.
         reset_wanted: whether the client has asked to begin anew.
     """
 
     simulation = "MAVLINK"
+    bridge: MavlinkBridge
+    _watchdog: SetpointWatchdog
 
     def __init__(self, scenario: "Scenario", link: "ClientLink"):
         """Args: scenario: the race. link: to the client; it stays open after the race."""
@@ -56,16 +59,8 @@ class ClientTransport(Transport):
         self._imu_rate = scenario.imu.rate
         self._waits = self._config.step or not scenario.simulator_config.target_realtime_rate
         self._idle, self._samples, self._silent = 0.0, 0, False
-        self._bridge: MavlinkBridge | None = None
-        self._watchdog: SetpointWatchdog | None = None
         self._phase, self._took_over = FOLLOW, {HOVER: 0, LAND: 0, OFF: 0}
         self._unanswered = self._commands = 0
-
-    @property
-    def bridge(self) -> MavlinkBridge:
-        """The bridge of the diagram that was built."""
-        assert self._bridge is not None
-        return self._bridge
 
     @property
     def reset_wanted(self) -> bool:
@@ -86,7 +81,7 @@ class ClientTransport(Transport):
                 f"A client flies drones of four rotors, which the {vehicle.name} is not."
             )
         controller = builder.AddSystem(MakeFlightController(scenario, track, vehicle, self._link))
-        self._bridge = controller.GetSubsystemByName("mavlink_bridge")
+        self.bridge = controller.GetSubsystemByName("mavlink_bridge")
         self._watchdog = controller.GetSubsystemByName("setpoint_watchdog")
         connect_by_name(builder, [controller], outputs_of(simulation))
         connect_by_name(builder, [simulation], outputs_of(controller))
@@ -109,16 +104,11 @@ class ClientTransport(Transport):
         self._tell_watchdog(simulator)
         context = self.bridge.GetMyContextFromRoot(simulator.get_context())
         started = self.bridge.started(context)
-        if (
-            started >= 0.0
-            and simulator.get_context().get_time() - started >= self._config.time_limit
-        ):
-            return OUT_OF_TIME
-        return None
+        flown = simulator.get_context().get_time() - started
+        return OUT_OF_TIME if started >= 0.0 and flown >= self._config.time_limit else None
 
     def _tell_watchdog(self, simulator):
         """Counts and says that nobody flies the drone any more, or again."""
-        assert self._watchdog is not None
         context = simulator.get_context()
         phase = self._watchdog.phase(self._watchdog.GetMyContextFromRoot(context))
         if phase == self._phase:

@@ -133,11 +133,7 @@ def grand_prix_scenario(options: GrandPrixOptions) -> "Scenario":
 
 
 def addresses(options: GrandPrixOptions) -> "Addresses":
-    """Returns where the client is.
-
-    Raises:
-        UserError: if --client is no host and port.
-    """
+    """Returns where the client is; raises UserError if --client is no host and port."""
     from airrace.mavlink.client_link import Addresses
 
     host, _, port = options.client.rpartition(":")
@@ -232,11 +228,7 @@ def _folders(output: Path, runs: int) -> Iterator[Path]:
 
 
 def _quirks(names: str) -> "QuirksConfig":
-    """Returns the QuirksConfig of a list of names.
-
-    Raises:
-        UserError: if there is no such quirk.
-    """
+    """Returns the QuirksConfig of a list of names; raises UserError if there is no such quirk."""
     from airrace.scenario.mavlink_config import OFFICIAL, QuirksConfig
 
     if names == _OFFICIAL:

@@ -48,13 +48,10 @@ class RefusedError(ValueError):
 def setpoint_of(message: Any, origin: np.ndarray, inverted_rates: bool = False) -> Setpoint:
     """Returns the set-point of a message, with neither time nor armed.
 
-    Args:
-        message: a MAVLink message, one of SETPOINTS.
-        origin: of LOCAL_NED in the world (m), (3,).
-        inverted_rates: whether rates of roll and yaw have the opposite sign of NED's.
+    Args: message: a MAVLink message, one of SETPOINTS. origin: of LOCAL_NED in the world (m), (3,).
+    inverted_rates: whether rates of roll and yaw have the opposite sign of NED's.
 
-    Raises:
-        RefusedError: if it cannot be obeyed.
+    Raises RefusedError if it cannot be obeyed.
     """
     kind = message.get_type()
     if kind == "SET_ATTITUDE_TARGET":

@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.diagrams.wiring import connect_by_name, export_inputs, outputs_of
-from airrace.mavlink.bridge import MavlinkBridge, World
+from airrace.mavlink.bridge import MavlinkBridge
 from airrace.scenario import Scenario
 from airrace.systems.control.attitude_controller import AttitudeController
 from airrace.systems.control.motor_switch import MotorSwitch
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.velocity_controller import VelocityController
 from airrace.systems.failsafe.setpoint_watchdog import SetpointWatchdog
-from airrace.systems.sensing.contact_sensor import CONTACT_RATE
 from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.track import Course, start_pose
 from airrace.vehicle import Vehicle
@@ -34,24 +33,13 @@ def MakeFlightController(
 
     Input ports: the Simulation's outputs that MavlinkBridge takes. Output ports:
     ``rotor_speed_command`` and ``explorer_status``.
-
-    Args:
-        scenario: the race. track, vehicle: of it.
-        link: to the client.
     """
     builder = DiagramBuilder()
     start = start_pose(track.start, vehicle.radius, _STANDING).translation()
-    world = World(
-        track=track,
-        vehicle=vehicle,
-        start=start,
-        config=scenario.mavlink,
-        imu_rate=scenario.imu.rate,
-        fps=scenario.camera.fps,
-        contact_rate=CONTACT_RATE,
-        seed=scenario.seed,
+    bridge = builder.AddNamedSystem(
+        "mavlink_bridge",
+        MavlinkBridge(scenario=scenario, track=track, vehicle=vehicle, start=start, link=link),
     )
-    bridge = builder.AddNamedSystem("mavlink_bridge", MavlinkBridge(world=world, link=link))
     rate_controller = RateController(vehicle=vehicle, rate=scenario.controller.rate)
     switch = MotorSwitch(vehicle=vehicle)
     systems: dict[str, System] = {

@@ -31,28 +31,18 @@ def euler_angles(q: np.ndarray) -> tuple[float, float, float]:
 
 
 class NedState(NamedTuple):
-    """Motion of the drone as the wire has it.
+    """Motion of the drone as the wire has it."""
 
-    Attributes:
-        position: from where it was armed (m), NED, (3,).
-        velocity: (m/s), NED, (3,).
-        quaternion: from FRD to NED, (4,), of length 1.
-        rates: angular velocity in FRD (rad/s), (3,).
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    quaternion: np.ndarray
-    rates: np.ndarray
+    position: np.ndarray  # from where it was armed (m), NED, (3,)
+    velocity: np.ndarray  # (m/s), NED, (3,)
+    quaternion: np.ndarray  # from FRD to NED, (4,), of length 1
+    rates: np.ndarray  # angular velocity in FRD (rad/s), (3,)
 
 
 def ned_state(state: State, R_WB: np.ndarray, origin: np.ndarray) -> NedState:
     """Returns the motion of a state.
 
-    Args:
-        state: of the drone.
-        R_WB: its attitude, (3, 3).
-        origin: of LOCAL_NED in W (m), (3,).
+    Args: state: of the drone. R_WB: its attitude, (3, 3). origin: of LOCAL_NED in W (m), (3,).
     """
     q = flipped_quaternion(np.asarray(state.quaternion))
     return NedState(

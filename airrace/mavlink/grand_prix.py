@@ -1,6 +1,7 @@
 """Races that a client flies over MAVLink, one after the other, without an end of the client."""
 
 import gc
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from airrace.visualization.live_page import LivePage
 
 _WARM_UP = 0.2  # s of simulated time, in which everything runs once
-# type_mask of set-points that set nothing but a velocity, or rates.
-_VELOCITY_ONLY, _RATES_ONLY = 0b110111000111, 128
+# type_mask of set-points that set nothing but a velocity, rates, or an attitude.
+_VELOCITY_ONLY, _RATES_ONLY, _ATTITUDE_ONLY = 0b110111000111, 128, 7
 
 # What shows a race: opens for each attempt, and gives its page, or None.
 Pages = Callable[[], AbstractContextManager["LivePage | None"]]
@@ -42,28 +43,18 @@ def fly_attempts(
     A reset builds the simulation again, from the same scenario and seed: so nothing of an attempt
     is left in the next one. The results of an attempt that was reset are replaced.
 
-    Args:
-        scenario: of all races.
-        link: to the client, which stays open.
-        folders: an existing folder for the results of each race.
-        pages: what shows each attempt.
-        sinks: as run_race() takes them.
-        foxglove: a server that gets what race.mcap gets, or None.
+    Args: folders: an existing folder for the results of each race. pages: what shows each attempt.
+    sinks, foxglove: see run_race(), which may raise UserError.
 
     Yields:
         of each race that has ended by itself, or by Ctrl-C: race.json, its folder, and how often
         it was reset.
-
-    Raises:
-        UserError: as run_race().
     """
     for folder in folders:
-        resets = 0
-        while True:
+        for resets in itertools.count():
             data, again = _attempt(scenario, link, folder, pages, sinks, foxglove)
             if not again:
                 break
-            resets += 1
         yield data, folder, resets
         if data["dnf_reason"] == INTERRUPTED:
             return
@@ -91,32 +82,21 @@ def warm_up_grand_prix(scenario: "Scenario") -> None:
         simulator = Simulator(MakeRace(scenario, transport=transport))
         simulator.set_target_realtime_rate(0.0)
         simulator.Initialize()
+        arm = mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1.0, *6 * [0.0])
+        attitude = [1.0, 0.0, 0.0, 0.0]
+        rates = mavlink.MAVLink_set_attitude_target_message(
+            0, 1, 1, _RATES_ONLY, attitude, 0.0, 0.1, 0.0, 0.3
+        )
+        velocity = mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, _VELOCITY_ONLY, *3 * [0.0], 0.0, 0.0, -0.5, *5 * [0.0]
+        )
+        level = mavlink.MAVLink_set_attitude_target_message(
+            0, 1, 1, _ATTITUDE_ONLY, attitude, 0.0, 0.0, 0.0, 0.3
+        )
         # A part of the time for each kind of set-point.
-        parts = [[_arm(), _rates()], [_velocity()], [_attitude()]]
+        parts = [arm, rates], [velocity], [level]
         for i, messages in enumerate(parts, 1):
             link.messages += messages
             simulator.AdvanceTo(_WARM_UP * i / len(parts))
     finally:
         link.close()
-
-
-def _arm():
-    return mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1.0, *6 * [0.0])
-
-
-def _rates():
-    return mavlink.MAVLink_set_attitude_target_message(
-        0, 1, 1, _RATES_ONLY, [1.0, 0.0, 0.0, 0.0], 0.0, 0.1, 0.0, 0.3
-    )
-
-
-def _attitude():
-    return mavlink.MAVLink_set_attitude_target_message(
-        0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.3
-    )
-
-
-def _velocity():
-    return mavlink.MAVLink_set_position_target_local_ned_message(
-        0, 1, 1, 1, _VELOCITY_ONLY, *3 * [0.0], 0.0, 0.0, -0.5, *5 * [0.0]
-    )

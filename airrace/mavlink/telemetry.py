@@ -1,4 +1,4 @@
-"""The messages that the simulator sends, from what its ports say.
+"""What the simulator sends, from what its ports say: messages, and the datagrams of pictures.
 
 Times are simulated: of the drone's clock, which began with the simulation.
 """
@@ -8,8 +8,10 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20.common import MAVLink_message as Message
 
 from airrace.mavlink.commands import signed_rates
 from airrace.mavlink.frames import NedState, euler_angles, flipped, flipped_quaternion
@@ -22,19 +24,17 @@ _DATA_SIZE = 253  # bytes of ENCAPSULATED_DATA
 STATUS_TYPE, TRACK_TYPE = 1, 2
 _STATUS = struct.Struct("<BQqqIq")
 _COUNT, _GATE = struct.Struct("<H"), struct.Struct("<Hfffffffff")
+# frame_id, chunk_id, total_chunks, jpeg_size, payload_size, sim_time_ns; little-endian.
+PICTURE_HEADER = struct.Struct("<IHHIIQ")
 _NAN = math.nan
 _IMU_FIELDS = 0x3F  # accelerometer and gyroscope
 
 
 class Clock(NamedTuple):
-    """The times on the wire.
+    """The times on the wire."""
 
-    Attributes:
-        time: simulated (s). offset: by which the wire's are ahead (s).
-    """
-
-    time: float
-    offset: float = 0.0
+    time: float  # simulated (s)
+    offset: float = 0.0  # by which the wire's are ahead (s)
 
     @property
     def ms(self) -> int:
@@ -52,7 +52,7 @@ class Clock(NamedTuple):
         return round(1e9 * (self.time + self.offset))
 
 
-def heartbeat(armed: bool) -> mavlink.MAVLink_heartbeat_message:
+def heartbeat(armed: bool) -> Message:
     """Returns HEARTBEAT."""
     mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
     state = mavlink.MAV_STATE_STANDBY
@@ -64,9 +64,7 @@ def heartbeat(armed: bool) -> mavlink.MAVLink_heartbeat_message:
     )
 
 
-def highres_imu(
-    clock: Clock, force: np.ndarray, rates: np.ndarray, inverted: bool
-) -> mavlink.MAVLink_highres_imu_message:
+def highres_imu(clock: Clock, force: np.ndarray, rates: np.ndarray, inverted: bool) -> Message:
     """Returns HIGHRES_IMU; force (m/s^2) and rates (rad/s) are of B, (3,)."""
     rates = signed_rates(flipped(rates), inverted)
     return mavlink.MAVLink_highres_imu_message(
@@ -74,7 +72,7 @@ def highres_imu(
     )
 
 
-def actuators(clock: Clock, shares: np.ndarray) -> mavlink.MAVLink_actuator_output_status_message:
+def actuators(clock: Clock, shares: np.ndarray) -> Message:
     """Returns ACTUATOR_OUTPUT_STATUS; shares: of each rotor's greatest thrust, 0 to 1."""
     values = np.zeros(32)
     values[: len(shares)] = shares
@@ -83,23 +81,19 @@ def actuators(clock: Clock, shares: np.ndarray) -> mavlink.MAVLink_actuator_outp
     )
 
 
-def attitude(
-    clock: Clock, ned: NedState, inverted: bool, wrong: bool
-) -> mavlink.MAVLink_attitude_message:
+def attitude(clock: Clock, ned: NedState, inverted: bool, wrong: bool) -> Message:
     """Returns ATTITUDE; wrong: whether the pitch has the wrong sign."""
     roll, pitch, yaw = euler_angles(ned.quaternion)
     rates = signed_rates(ned.rates, inverted)
     return mavlink.MAVLink_attitude_message(clock.ms, roll, -pitch if wrong else pitch, yaw, *rates)
 
 
-def local_position(clock: Clock, ned: NedState) -> mavlink.MAVLink_local_position_ned_message:
+def local_position(clock: Clock, ned: NedState) -> Message:
     """Returns LOCAL_POSITION_NED."""
     return mavlink.MAVLink_local_position_ned_message(clock.ms, *ned.position, *ned.velocity)
 
 
-def odometry(
-    clock: Clock, ned: NedState, inverted: bool, wrong: bool
-) -> mavlink.MAVLink_odometry_message:
+def odometry(clock: Clock, ned: NedState, inverted: bool, wrong: bool) -> Message:
     """Returns ODOMETRY, with the velocity in NED; wrong: whether the roll has the wrong sign."""
     q = ned.quaternion * [1.0, -1.0, 1.0, 1.0] if wrong else ned.quaternion
     unknown = [_NAN] * 21
@@ -116,7 +110,7 @@ def odometry(
     )
 
 
-def collision(clock: Clock, is_gate: bool, impulse: float) -> mavlink.MAVLink_collision_message:
+def collision(clock: Clock, is_gate: bool, impulse: float) -> Message:
     """Returns COLLISION, whose horizontal_minimum_delta is the impulse (kg m/s)."""
     return mavlink.MAVLink_collision_message(
         mavlink.MAV_COLLISION_SRC_ADSB,
@@ -129,25 +123,17 @@ def collision(clock: Clock, is_gate: bool, impulse: float) -> mavlink.MAVLink_co
     )
 
 
-def timesync(
-    request: mavlink.MAVLink_timesync_message, clock: Clock
-) -> mavlink.MAVLink_timesync_message:
+def timesync(request: mavlink.MAVLink_timesync_message, clock: Clock) -> Message:
     """Returns the answer: the client's time where it put it, the drone's in the other field."""
     if request.tc1 == 0:  # as MAVLink's documentation has it
         return mavlink.MAVLink_timesync_message(clock.ns, request.ts1)
     return mavlink.MAVLink_timesync_message(request.tc1, clock.ns)
 
 
-def race_status(
-    clock: Clock, started: float, status: RefereeStatus, gates: int
-) -> mavlink.MAVLink_encapsulated_data_message:
+def race_status(clock: Clock, started: float, status: RefereeStatus, gates: int) -> Message:
     """Returns ENCAPSULATED_DATA with the state of the race.
 
-    Args:
-        clock: now.
-        started: when the drone was first armed (s), negative before.
-        status: the referee's.
-        gates: how many there are.
+    Args: started: when the drone was first armed (s), negative before. gates: how many there are.
     """
 
     def ns(time: float) -> int:
@@ -192,9 +178,27 @@ def track_messages(track: Course, origin: np.ndarray, hidden: bool) -> Iterator:
         yield mavlink.MAVLink_encapsulated_data_message(i, _padded(part))
 
 
-def acknowledgement(command: int, result: int) -> mavlink.MAVLink_command_ack_message:
-    """Returns COMMAND_ACK; result: one of MAV_RESULT."""
-    return mavlink.MAVLink_command_ack_message(command, result)
+def encode_picture(picture: np.ndarray, quality: int) -> bytes:
+    """Returns a picture, RGBA (h, w, 4), as JPEG of a quality from 1 to 100."""
+    bgr = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGR)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return jpeg.tobytes()
+
+
+def picture_datagrams(frame_id: int, time_ns: int, jpeg: bytes, chunk_size: int) -> Iterator[bytes]:
+    """Yields the datagrams of a picture.
+
+    Args:
+        frame_id: number of the picture. time_ns: when it was taken (ns).
+        jpeg: the picture. chunk_size: bytes of it in one datagram, at most.
+    """
+    total = -(-len(jpeg) // chunk_size)
+    for i in range(total):
+        part = jpeg[i * chunk_size : (i + 1) * chunk_size]
+        header = PICTURE_HEADER.pack(
+            frame_id % 2**32, i, total, len(jpeg), len(part), max(time_ns, 0) % 2**64
+        )
+        yield header + part
 
 
 def _padded(data: bytes) -> list[int]:

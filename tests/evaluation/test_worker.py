@@ -47,21 +47,8 @@ class TestFly:
     def test_as_if_flown_alone(self, folder):
         text = "{referee: {time_limit: 0.2}, laps: 2}"
         row = fly(job(text), "e")
-        assert (
-            airrace(
-                [
-                    "race",
-                    "--seed",
-                    "3",
-                    "--scenario_text",
-                    text,
-                    "--no-meshcat",
-                    "--output",
-                    "alone",
-                ]
-            )
-            == 1
-        )
+        options = ["--seed", "3", "--scenario_text", text, "--no-meshcat", "--output", "alone"]
+        assert airrace(["race", *options]) == 1
         alone = json.loads((folder / "alone" / "race.json").read_text())
         del alone["wall"]
         assert row["result"] == alone

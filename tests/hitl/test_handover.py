@@ -42,7 +42,7 @@ def test_nobody_waits_for_one_that_does_not_listen():
     while one.send(PortValues(float(sent), {"imu_history": np.zeros(1000)})):
         sent += 1
         assert sent < 100_000
-    assert sent > 10 and one.is_open
+    assert sent > 10 and not one.link.is_broken
     heard = [message.time for message in other.receive()]
     assert one.send(PortValues(-1.0, {}))  # and the rest of what did not fit as a whole
     heard += [message.time for message in other.receive()]
@@ -52,7 +52,7 @@ def test_nobody_waits_for_one_that_does_not_listen():
 def test_the_end_of_the_other_one_is_noticed():
     one, other = ends("socket")
     one.send(PortValues(1.0, {}))
-    one.close()
+    one.link.close()
     assert [message.time for message in other.receive()] == [1.0]  # what it said last still counts
-    assert not other.is_open and other.receive() == []
+    assert other.link.is_broken and other.receive() == []
     assert not other.send(PortValues(2.0, {}))

@@ -8,8 +8,7 @@ import pytest
 
 from airrace.hitl.link.image_messages import decode_pictures
 from airrace.hitl.link.messages import CAMERA_INFO
-from airrace.hitl.made_up_messages import standing
-from airrace.hitl.playback import NavigatorPlayback
+from airrace.hitl.playback import NavigatorPlayback, standing
 from airrace.scenario import Scenario
 from airrace.track.track import Gate
 

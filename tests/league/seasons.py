@@ -5,9 +5,8 @@ import json
 from airrace.common.files import write_json
 from airrace.evaluation.versions import versions
 from airrace.league.entry import load_entry
-from airrace.league.result import settings, write_league
 from airrace.league.season import Season, make_legs
-from airrace.league.season_files import keep_files, keep_sources
+from airrace.league.season_files import keep_files, keep_sources, settings, write_league
 from airrace.league.worker import result_digest
 from tests.league.entries import make_entry
 

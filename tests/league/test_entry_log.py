@@ -3,7 +3,7 @@
 import os
 
 from airrace.league.attempts import MARK
-from airrace.league.entry_log import EntryLog
+from airrace.league.sandbox import EntryLog
 
 
 def log_of(data):

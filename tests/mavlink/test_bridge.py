@@ -8,7 +8,7 @@ import pytest
 from pydrake.math import RollPitchYaw
 from pymavlink.dialects.v20 import common as mavlink
 
-from airrace.mavlink.picture_stream import HEADER
+from airrace.mavlink.telemetry import PICTURE_HEADER
 from airrace.systems.control.setpoint import as_setpoint
 from airrace.track.square_gate import INNER, OUTER
 from tests.worlds.mavlink_client import (
@@ -50,7 +50,7 @@ def pictures(link):
     """Returns the frames of a stream: their headers, and the pictures."""
     frames = {}
     for datagram in link.pictures:
-        header = HEADER.unpack(datagram[:24])
+        header = PICTURE_HEADER.unpack(datagram[:24])
         frames.setdefault(header[0], []).append((header, datagram[24:]))
     return frames
 
@@ -101,7 +101,7 @@ def test_on_its_pad_the_drone_looks_down_by_the_pads_tilt(flown):
     assert first.pitch == pytest.approx(-tilt, abs=0.02) and first.roll == pytest.approx(
         0, abs=0.02
     )
-    heading = -np.deg2rad(flown.bridge._world.track.start.heading_deg)
+    heading = -np.deg2rad(flown.bridge._track.start.heading_deg)
     assert np.cos(first.yaw - heading) == pytest.approx(1.0, abs=1e-3)
 
 
@@ -258,7 +258,7 @@ def test_a_collision_with_a_gate_names_the_gate():
     session = Session(grand_prix())
     session.link.say(arm())
     session.fly(0.05)
-    gate = session.bridge._world.track.gates[0]
+    gate = session.bridge._track.gates[0]
     beam = gate.X_WG @ np.array([0.0, 0.5 * (INNER + OUTER) / 2, 0.0])
     origin = session.bridge_context.get_discrete_state(1).value()[1:]
     session.fly(6.0, position(*((beam - origin) * [1, -1, -1])))
@@ -296,7 +296,7 @@ class TestQuirks:
         session.fly(1.0)
         assert session.link.of("HIGHRES_IMU")[-1].time_usec == pytest.approx(101e6, abs=5e4)
         assert session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].time_usec > 100.9e6
-        header = HEADER.unpack(session.link.pictures[-1][:24])
+        header = PICTURE_HEADER.unpack(session.link.pictures[-1][:24])
         assert header[5] == pytest.approx(101e9, abs=1e8)
         assert statuses(session.link)[-1][1] == pytest.approx(101000, abs=260)
 

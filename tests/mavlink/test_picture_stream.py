@@ -3,14 +3,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.mavlink.picture_stream import HEADER, datagrams, encode
+from airrace.mavlink.telemetry import PICTURE_HEADER, encode_picture, picture_datagrams
 
 
 @given(st.binary(min_size=1, max_size=5000), st.integers(1, 1500), st.integers(0, 2**32 - 1))
 def test_a_picture_is_put_together_again(jpeg, chunk_size, frame):
-    parts = list(datagrams(frame, 123456789, jpeg, chunk_size))
-    headers = [HEADER.unpack(part[:24]) for part in parts]
-    assert HEADER.size == 24
+    parts = list(picture_datagrams(frame, 123456789, jpeg, chunk_size))
+    headers = [PICTURE_HEADER.unpack(part[:24]) for part in parts]
+    assert PICTURE_HEADER.size == 24
     assert [h[1] for h in headers] == list(range(len(parts)))
     assert {(h[0], h[2], h[3], h[5]) for h in headers} == {
         (frame, len(parts), len(jpeg), 123456789)
@@ -20,7 +20,7 @@ def test_a_picture_is_put_together_again(jpeg, chunk_size, frame):
 
 
 def test_the_header_is_little_endian():
-    (part,) = datagrams(1, 2, b"xyz", 10)
+    (part,) = picture_datagrams(1, 2, b"xyz", 10)
     assert (
         part
         == b"\1\0\0\0" + b"\0\0" + b"\1\0" + b"\3\0\0\0" + b"\3\0\0\0" + b"\2" + 7 * b"\0" + b"xyz"
@@ -30,5 +30,5 @@ def test_the_header_is_little_endian():
 def test_colours_are_kept():
     picture = np.full((36, 64, 4), 255, np.uint8)
     picture[..., :3] = 255, 112, 16  # a gate's
-    decoded = cv2.imdecode(np.frombuffer(encode(picture, 90), np.uint8), cv2.IMREAD_COLOR)
+    decoded = cv2.imdecode(np.frombuffer(encode_picture(picture, 90), np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_allclose(decoded.reshape(-1, 3).mean(0), [16, 112, 255], atol=3)

@@ -152,9 +152,3 @@ def test_a_hidden_track_says_how_many_gates_there_are():
     gates = gates_of(telemetry.track_messages(TRACK, np.zeros(3), hidden=True))
     assert [gate[0] for gate in gates] == list(range(17))
     assert all(gate[1:] == 9 * (0.0,) for gate in gates)
-
-
-@pytest.mark.parametrize("result", [mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED])
-def test_commands_are_acknowledged(result):
-    message = wire(telemetry.acknowledgement(400, result))
-    assert (message.command, message.result) == (400, result)

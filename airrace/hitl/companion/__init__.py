@@ -34,18 +34,11 @@ class Autonomy(abc.ABC):
 
     @abc.abstractmethod
     def stop(self, timeout: float = 5.0) -> None:
-        """Ends it: SIGTERM, and after the timeout (s) SIGKILL, to its process group.
-
-        Does nothing if it has ended.
-        """
+        """Ends it, if it runs: SIGTERM, and after the timeout (s) SIGKILL, to its process group."""
 
     @abc.abstractmethod
     def collect(self, folder: Path) -> None:
-        """Copies what is in its OUTPUT folder into a folder here, which is made.
-
-        Raises:
-            UserError: if that cannot be done.
-        """
+        """Copies its OUTPUT folder into one here, which is made; may raise UserError."""
 
     @abc.abstractmethod
     def remove(self) -> None:
@@ -64,21 +57,17 @@ class Companion(abc.ABC):
     ) -> Autonomy:
         """Starts ``airrace hitl autonomy`` with some arguments.
 
-        It gets a new folder as its working directory, with the files in it and
-        an empty folder OUTPUT, which its arguments name as ``--output``. It is the
-        leader of a process group of its own, and does not live on without us
-        (it ends by itself when the simulation's heartbeats are missing).
+        It gets a new folder as its working directory, with the files in it and an empty folder
+        OUTPUT, which its arguments name as ``--output``. It is the leader of a process group of its
+        own, and ends by itself when the simulation's heartbeats are missing.
 
         Args:
             arguments: of the command line; may hold anything, so no shell may read them.
-            files: path, relative to the working directory, with forward slashes, to
-                contents: the scenario, and the track, drone and Python modules
-                that it names unless they are shipped with airrace.
-            log: called by poll() with each line that it prints, without the line's
-                end, on standard output or standard error.
+            files: relative path with forward slashes to contents: the scenario, and the track,
+                drone and Python modules that it names unless they are shipped with airrace.
+            log: called by poll() with each line that it prints, without the line's end.
 
-        Raises:
-            UserError: if it cannot be started, with the remedy.
+        Raises UserError if it cannot be started, with the remedy.
         """
 
     def close(self) -> None:

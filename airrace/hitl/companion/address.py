@@ -11,17 +11,11 @@ _FORM = "local or user@host[:port], such as user@10.0.0.2 or user@[fe80::2%eth0]
 
 @dataclasses.dataclass(frozen=True)
 class Address:
-    """An ssh server and a user on it.
+    """An ssh server and a user on it."""
 
-    Attributes:
-        user: to log in as.
-        host: a name (also one of ~/.ssh/config) or an address, without brackets.
-        port: the TCP port; None: ssh's own, 22 or what ~/.ssh/config says.
-    """
-
-    user: str
-    host: str
-    port: int | None = None
+    user: str  # to log in as
+    host: str  # a name (also one of ~/.ssh/config) or an address, without brackets
+    port: int | None = None  # the TCP port; None: ssh's own, 22 or what ~/.ssh/config says
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
@@ -38,8 +32,7 @@ def parse_address(text: str) -> Address | None:
 
     An IPv6 address stands in brackets if a port follows it.
 
-    Raises:
-        UserError: if it is neither.
+    Raises UserError if it is neither.
     """
     if text == "local":
         return None

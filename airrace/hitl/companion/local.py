@@ -45,15 +45,7 @@ class LocalAutonomy(Autonomy):
     """A process of this computer."""
 
     def __init__(self, arguments: Sequence[str], folder: Path, log: Callable[[str], None]):
-        """Starts it.
-
-        Args:
-            arguments, log: see Companion.start().
-            folder: its working directory, with its files.
-
-        Raises:
-            OSError: if it cannot be started.
-        """
+        """Starts it in its working directory, with its files there; may raise OSError."""
         self._log, self._folder, self._rest = log, folder, ""
         # A file, not a pipe: neither side waits for the other.
         with open(folder / "log", "wb") as written:

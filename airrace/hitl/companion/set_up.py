@@ -16,8 +16,8 @@ from rich.progress import (
 )
 
 from airrace.common.errors import UserError
-from airrace.common.files import digest
-from airrace.hitl.companion.checkout import LOCK, source_digest, source_files
+from airrace.common.files import digest, files_in
+from airrace.common.resources import PACKAGE
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
 
@@ -27,21 +27,53 @@ if TYPE_CHECKING:
 _SCRIPT = Path(__file__).with_name("board.sh")
 _ROOM = 1_500_000  # kB; the packages take 860 MB, and their byte code; their wheels 265 MB
 _MARK = "airrace-"
+LOCK = "requirements-run.lock"  # what running takes, without what developing takes
+_FOLDERS = ("airrace", "models")
 
 
 @dc.dataclass(frozen=True)
 class Board:
-    """A companion computer that is set up.
+    """A companion computer that is set up."""
 
-    Attributes:
-        cache: the folder there of everything that airrace keeps.
-        python: of the environment there.
-        package: the folder there with airrace in it.
+    cache: str  # the folder there of everything that airrace keeps
+    python: str  # of the environment there
+    package: str  # the folder there with airrace in it
+
+
+def checkout_path() -> Path:
+    """Returns the folder of the checkout that this airrace runs from.
+
+    Raises UserError if it runs from an installed package.
     """
+    root = PACKAGE.parent
+    if not all((root / name).is_file() for name in ("pyproject.toml", LOCK)):
+        raise UserError(
+            f"airrace runs from {root}, which is no checkout of it, so that it cannot "
+            "be brought to a companion; start it with ./run.bash of a checkout."
+        )
+    return root
 
-    cache: str
-    python: str
-    package: str
+
+def source_digest(root: Path) -> str:
+    """Returns the digest of all of a checkout that a companion gets."""
+    return digest(*(root / name for name in _FOLDERS))
+
+
+def source_files(root: Path) -> dict[str, bytes]:
+    """Returns all of a checkout that a companion gets: path to contents.
+
+    Raises UserError if a file cannot be read.
+    """
+    try:
+        return {
+            file.relative_to(root).as_posix(): file.read_bytes()
+            for file in files_in(*(root / name for name in _FOLDERS))
+        }
+    except OSError as e:
+        raise UserError(
+            f"{e.filename} cannot be read ({e.strerror}), so that airrace cannot be brought to "
+            f"the companion; mend the checkout in {root}."
+        ) from None
 
 
 def board_command(action: str, *arguments: object) -> tuple[list[str], bytes]:
@@ -61,7 +93,6 @@ def failure(events: list[tuple[str, str]], code: int | None, address: "Address")
     Args:
         events: that it wrote, see event_of().
         code: its exit code, None if the connection was lost.
-        address: of the companion.
     """
     if code is None:
         return ConnectionLost("it ended in the set-up")
@@ -86,13 +117,8 @@ def set_up(
 ) -> Board:
     """Brings over what is not there yet and has it installed.
 
-    Args:
-        connection: to the companion.
-        address: of the companion.
-        checkout: whose airrace and requirements-run.lock to bring.
-        wheels: a folder of wheels to install from, instead of the index
-            that pip is set to there; None: no.
-        display: shows what is being done.
+    Args: checkout: whose airrace and requirements-run.lock to bring. wheels: a folder of wheels to
+    install from, instead of the index that pip is set to there; None: no.
 
     Raises:
         UserError: if that fails.
@@ -163,8 +189,7 @@ def inspect_board(
 def find_wheels(folder: Path, lock: Path) -> list[Path]:
     """Returns the wheels of a folder that a lock has, by their hashes.
 
-    Raises:
-        UserError: if there are none.
+    Raises UserError if there are none.
     """
     text = lock.read_text(encoding="utf-8")
     try:

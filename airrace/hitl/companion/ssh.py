@@ -36,12 +36,9 @@ class SshConnection:
     def __init__(self, address: Address, identity: Path | None = None):
         """Connects.
 
-        Args:
-            address: of the companion.
-            identity: the file of a private key; None: those that ssh would try.
+        Args: identity: the file of a private key; None: those that ssh would try.
 
-        Raises:
-            UserError: if that fails; it names what is wrong and the remedy.
+        Raises UserError if that fails; it names what is wrong and the remedy.
         """
         self._address = address
         self._loop = asyncio.new_event_loop()
@@ -112,17 +109,11 @@ class SshConnection:
             raise await connect_error(e, address, identity, options) from None
 
     def run(self, arguments: list[str], data: bytes = b"") -> tuple[int, bytes, str]:
-        """Runs a command to its end.
+        """Runs a command to its end, each argument as it is, with data as its standard input.
 
-        Args:
-            arguments: of the command; each reaches it as it is.
-            data: its standard input.
+        Returns exit code (-1: none), standard output, standard error.
 
-        Returns:
-            exit code (-1: none), standard output, standard error.
-
-        Raises:
-            ConnectionLost: if the connection goes.
+        Raises ConnectionLost if the connection goes.
         """
         return self._wait(self._run(arguments, data))
 
@@ -134,11 +125,7 @@ class SshConnection:
         return code, done.stdout, done.stderr.decode(errors="replace")
 
     def start(self, arguments: list[str], data: bytes) -> queue.SimpleQueue:
-        """Starts a command whose standard input stays open.
-
-        Args:
-            arguments: of the command; each reaches it as it is.
-            data: what it finds on its standard input.
+        """Starts a command whose standard input, which begins with data, stays open.
 
         Returns:
             a queue of the lines that it writes to standard output or error, and at last
@@ -165,11 +152,7 @@ class SshConnection:
         lines.put(code)
 
     def put(self, folder: str, files: Mapping[str, bytes]) -> None:
-        """Brings files over, one after the other; folders are made as needed.
-
-        Args:
-            folder: there.
-            files: path below it to contents.
+        """Brings files, by their paths below a folder there, one after the other.
 
         Raises:
             UserError: if they cannot be written there.

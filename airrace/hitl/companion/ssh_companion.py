@@ -14,11 +14,11 @@ from airrace.common.errors import UserError
 from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.checkout import checkout_path
 from airrace.hitl.companion.set_up import (
     Board,
     SetUpDisplay,
     board_command,
+    checkout_path,
     event_of,
     failure,
     set_up,
@@ -49,7 +49,6 @@ class SshCompanion(Companion):
         """Constructs it; the first start() connects and sets the companion up.
 
         Args:
-            address: of the companion.
             identity: the file of a private key; None: those that ssh would try.
             wheels: a folder of wheels to bring and install from, for a companion
                 without the internet; None: it has the internet.
@@ -86,8 +85,7 @@ class SshCompanion(Companion):
     def connection(self) -> SshConnection:
         """Returns the connection, made again if it was lost.
 
-        Raises:
-            UserError: if it cannot be made.
+        Raises UserError if it cannot be made.
         """
         if self._connection is None or self._connection.lost:
             error, when = self._failure
@@ -124,12 +122,7 @@ class RemoteAutonomy(Autonomy):
         files: Mapping[str, bytes],
         log: Callable[[str], object],
     ):
-        """Starts it.
-
-        Args:
-            companion: that it runs on.
-            board: what is there.
-            arguments, files, log: see Companion.start().
+        """Starts it; see Companion.start().
 
         Raises:
             UserError: if it cannot be started.

@@ -33,8 +33,6 @@ async def connect_error(
     """Returns the UserError for a connection that could not be made.
 
     Args:
-        error: that asyncssh raised.
-        address: of the companion.
         identity: the key that the user named, or None.
         options: asyncssh.SSHClientConnectionOptions; None if error came of making them.
     """
@@ -129,10 +127,7 @@ def _has_key() -> bool:
 def file_error(said: str, path: str, address: Address) -> UserError:
     """Returns the UserError for a file that could not be written or read there.
 
-    Args:
-        said: what the program that failed has said.
-        path: of a file or folder there.
-        address: of the companion.
+    Args: said: what the program that failed has said. path: of a file or folder there.
     """
     if is_disk_full(said):
         return UserError(f"The disk of {address.host} is full at {path}; make room there.")

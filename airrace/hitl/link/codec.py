@@ -17,16 +17,11 @@ class Codec(typing.NamedTuple):
 
     Decoding an encoded value gives the same value, to the last bit. A message whose
     numbers cannot be such a value raises Dropped.
-
-    Attributes:
-        message_type: of airrace.lcmtypes.
-        encode: from a value to a message.
-        decode: from a message to a value.
     """
 
-    message_type: type[Any]
-    encode: Callable
-    decode: Callable
+    message_type: type[Any]  # of airrace.lcmtypes
+    encode: Callable  # from a value to a message
+    decode: Callable  # from a message to a value
 
     def of(self, before: Callable, after: Callable) -> "Codec":
         """Returns the Codec of what before() makes these values of, and after() makes of them."""
@@ -57,8 +52,6 @@ def field_codec(
     elements of an array follows from it.
 
     Args:
-        value_type: of the values.
-        message_type: of airrace.lcmtypes.
         parts: name of a field that is another such value, or a tuple of them, to their Codec.
         infinite: names of the arrays that may have infinite elements.
     """

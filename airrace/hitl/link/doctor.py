@@ -18,25 +18,17 @@ _FRAGMENTS = "sysctl -w net.ipv4.ipfrag_time=1 there"
 
 
 class Row(NamedTuple):
-    """One finding.
+    """One finding."""
 
-    Attributes:
-        what: was measured.
-        found: as text.
-        needed: as text: what is good, what a race can just do with.
-        verdict: "good", "weak" (a race works, worse) or "bad" (it does not start).
-        remedy: what to do unless it is good.
-    """
-
-    what: str
-    found: str
-    needed: str
-    verdict: str
-    remedy: str
+    what: str  # was measured
+    found: str  # as text
+    needed: str  # as text: what is good, what a race can just do with
+    verdict: str  # "good", "weak" (a race works, worse) or "bad" (it does not start)
+    remedy: str  # what to do unless it is good
 
 
 def diagnose(findings: LinkFindings) -> list[Row]:
-    """Returns the rows of the doctor's table. Args: findings: LinkFindings."""
+    """Returns the rows of the doctor's table."""
     f = findings
     pictures, states, commands = f.received(PICTURE), f.received(STATE), f.commands
     loss = max(1.0 - pictures.received / max(f.picture_rate * f.duration, 1.0), 0.0)

@@ -37,21 +37,13 @@ _DRAINING = 0.2  # s that drain() takes at most, if it can choose: messages may 
 
 @dc.dataclass(frozen=True)
 class Channel:
-    """What an endpoint must know of a channel to receive on it.
+    """What an endpoint must know of a channel to receive on it."""
 
-    Attributes:
-        name: of the channel.
-        message_type: of airrace.lcmtypes.
-        sender: the role that sends on it, "simulation" or "autonomy".
-        decode: from a message to a value; may raise Dropped.
-        timed: whether what comes early waits until the time of its stamp.
-    """
-
-    name: str
-    message_type: type
-    sender: str
-    decode: Callable[[Any], Any]
-    timed: bool = False
+    name: str  # of the channel
+    message_type: type  # of airrace.lcmtypes
+    sender: str  # the role that sends on it, "simulation" or "autonomy"
+    decode: Callable[[Any], Any]  # from a message to a value; may raise Dropped
+    timed: bool = False  # whether what comes early waits until the time of its stamp
 
 
 @dc.dataclass(frozen=True)
@@ -70,8 +62,7 @@ _NO_HEARTBEAT = Received(lcmt_heartbeat(), packets.Stamp(0, 0, 0.0), float("-inf
 def open_lcm(url: str) -> lcm.LCM:
     """Returns an LCM at a URL; for UDP with a receive buffer large enough for pictures.
 
-    Raises:
-        UserError: if it cannot be opened.
+    Raises UserError if it cannot be opened.
     """
     if url.startswith("udpm://") and "recv_buf_size" not in url:
         url += ("&" if "?" in url else "?") + f"recv_buf_size={_BUFFER}"
@@ -99,10 +90,8 @@ class Endpoint:
         """Constructs the endpoint, which listens from now on.
 
         Args:
-            role: SIMULATION or AUTONOMY.
             channels: all Channels of the link; it receives on those of the other side.
             bus: from open_lcm(), or a SocketBus; in tests, two endpoints may share a memq.
-            clock: of this computer (s).
             session: of another endpoint with the same role and clock that speaks for this one,
                 too: it sends the heartbeats, and neither sends on a channel of the other's.
         """
@@ -222,10 +211,8 @@ class Endpoint:
     ) -> None:
         """From now on hands every valid message to keep(channel, received), in any order.
 
-        Args:
-            keep: takes them.
-            is_known: of a channel and a sequence number: whether that message was kept before.
-                It is not decoded again, which may take longer than until its next copy comes.
+        A message of which is_known(channel, sequence number) is true was kept before: it is not
+        decoded again, which may take longer than until its next copy comes.
         """
         self._keep, self._is_known = keep, is_known
 
@@ -236,9 +223,7 @@ class Endpoint:
     def newest(self, channel: str, sim_time: float = float("inf")) -> Received | None:
         """Returns the newest valid value on a channel, None before the first.
 
-        Args:
-            channel: its name.
-            sim_time: of now (s): on a timed channel, later stamps do not count yet.
+        Args: sim_time: of now (s): on a timed channel, later stamps do not count yet.
         """
         early, self._sim_time = self._early.get(channel), sim_time
         while early and early[0].stamp.time <= sim_time:
@@ -286,14 +271,9 @@ class Endpoint:
             self.peer_heartbeat = received
             self.clock.add_heartbeat(value, arrival)
         self.clock.add_stamp(stamp.time, arrival)
-        age = self.clock.age(stamp.time, arrival)
-        statistics.add(
-            max(stamp.sequence - last - 1, 0) if last else 0,
-            len(data),
-            age,
-            arrival,
-            time.perf_counter() - clock,
-        )
+        age, missing = self.clock.age(stamp.time, arrival), max(stamp.sequence - last - 1, 0)
+        decoding = time.perf_counter() - clock
+        statistics.add(missing if last else 0, len(data), age, arrival, decoding)
 
     def _check(self, name: str, stamp: packets.Stamp) -> int:
         """Returns the sequence number before on the channel; raises Dropped."""

@@ -50,10 +50,7 @@ def decode_pictures(message: lcmt_pictures) -> tuple[dict, float]:
 def port_value(port: str, pictures: dict, shape: tuple[int, int]) -> Any:
     """Returns the value of one of PICTURE_PORTS.
 
-    Args:
-        port: its name.
-        pictures: see encode_pictures().
-        shape: (h, w) that the picture must have, else Dropped is raised.
+    Args: shape: (h, w) that the picture must have, else Dropped is raised.
     """
     kind = PICTURE_PORTS[port]
     picture = pictures.get(kind.picture)
@@ -91,16 +88,11 @@ def _decoded(image: lcmt_image, name: str) -> np.ndarray:
         raise Dropped(OVERSIZED)
     if len(image.data) != image.size:
         raise Dropped(MALFORMED)
-    if image.compression_method == lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
-        return _from_pixels(image, name)
     if image.compression_method == lcmt_image.COMPRESSION_METHOD_JPEG:
         return _from_jpeg(image, name)
-    raise Dropped(MALFORMED)
-
-
-def _from_pixels(image: lcmt_image, name: str) -> np.ndarray:
     shape = (image.height, image.width, _CHANNELS[name])
-    if image.size != math.prod(shape):
+    is_plain = image.compression_method == lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+    if not is_plain or image.size != math.prod(shape):
         raise Dropped(MALFORMED)
     pixels = np.frombuffer(bytearray(image.data), np.uint8)  # writable, see as_pixels()
     return pixels.reshape(shape if name == COLOUR else shape[:2])

@@ -13,8 +13,8 @@ from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD, Endpoint
 if TYPE_CHECKING:
     from pydrake.systems.framework import Context
 
-    from airrace.hitl.lcm_receiver import LcmReceiver
     from airrace.hitl.lcm_sender import LcmSender
+    from airrace.hitl.received_ports import LcmReceiver
     from airrace.scenario import Scenario
 
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
@@ -33,33 +33,14 @@ def lockstep_times(scenario: "Scenario", poll_period: float) -> Iterator[float]:
     so that times are equal to the last bit. A system of the user's with another period
     sees values that are at most one step of the plant old.
 
-    Args:
-        scenario: of the race.
-        poll_period: between two polls of the race (s).
+    Args: poll_period: between two polls of the race (s).
     """
-    fps = scenario.camera.fps
-    latency = scenario.camera.resolved().latency
-    periods = {
-        (scenario.plant_config.time_step, 0.0),
-        (1.0 / fps, 0.0),
-        (1.0 / fps, latency),
-        (1.0 / fps, scenario.perception.latency + latency),
-        (poll_period, 0.0),
-    }
-    periods |= {
-        (1.0 / system.rate, 0.0)
-        for system in (
-            scenario.rotors,
-            scenario.imu,
-            scenario.state_estimate,
-            scenario.referee,
-            scenario.explorer,
-            scenario.planner,
-            scenario.state_filter,
-            scenario.rotor_monitor,
-            scenario.controller,
-        )
-    }
+    s, frame, latency = scenario, 1.0 / scenario.camera.fps, scenario.camera.resolved().latency
+    periods = {(s.plant_config.time_step, 0.0), (poll_period, 0.0)}
+    periods |= {(frame, after) for after in (0.0, latency, s.perception.latency + latency)}
+    sampled = s.rotors, s.imu, s.state_estimate, s.referee, s.explorer, s.planner
+    reacting = s.state_filter, s.rotor_monitor, s.controller
+    periods |= {(1.0 / system.rate, 0.0) for system in (*sampled, *reacting)}
 
     def events(period, offset):  # as Drake has them
         return (offset + k * period for k in itertools.count())
@@ -72,12 +53,7 @@ class Exchange:
     """Exchanges the messages of one tick after the other."""
 
     def __init__(self, endpoint: Endpoint, receiver: "LcmReceiver", sender: "LcmSender"):
-        """Constructs the exchange, which is at no tick yet.
-
-        Args:
-            endpoint: which takes messages in any order from now on.
-            receiver, sender: LcmReceiver and LcmSender of this side.
-        """
+        """Constructs the exchange, at no tick yet; the endpoint takes messages in any order now."""
         self._endpoint, self._receiver, self._sender = endpoint, receiver, sender
         self._sent = self._received = 0  # ticks
         self._sequences = {}  # of what was sent so far, by channel
@@ -120,16 +96,8 @@ class Exchange:
     ) -> bool:
         """Waits for the other side's tick, and shows what it brought.
 
-        Args:
-            root_context: of the diagram that is simulated.
-            stop: asked now and then; whether to give up.
-            poll: called while it waits.
-
-        Returns:
-            whether the other side has ended the race, or stop() was true.
-
-        Raises:
-            PeerLost: if it does not answer.
+        Returns whether the other side has ended the race, or stop() was true; it calls poll()
+        meanwhile. Raises PeerLost if it does not answer.
         """
         start = self._endpoint.now()
         tick = self._received + 1
@@ -182,15 +150,12 @@ def await_peer(
     """Sends heartbeats until the other side is in a phase.
 
     Args:
-        endpoint: of this side.
-        phase, text: of the heartbeats.
         expected: phase of the other side; None: the same.
         timeout: (s), since a doctor was last there, or the autonomy last said that it compiles;
             patient() makes it longer.
         poll: called now and then; may raise.
 
-    Raises:
-        UserError: if it does not come.
+    Raises UserError if it does not come.
     """
     timeout = patient(timeout)
     start = endpoint.now()

@@ -28,26 +28,15 @@ class Dropped(Exception):
 
 @dc.dataclass(frozen=True)
 class Stamp:
-    """What a message says of itself.
+    """What a message says of itself."""
 
-    Attributes:
-        session: of the sender.
-        sequence: of the message on its channel, from 1.
-        time: simulated, when it was sent (s).
-    """
-
-    session: int
-    sequence: int
-    time: float
+    session: int  # of the sender
+    sequence: int  # of the message on its channel, from 1
+    time: float  # simulated, when it was sent (s)
 
 
 def pack(message: Any, stamp: Stamp) -> bytes:
-    """Returns the bytes of a message with its stamp and checksum.
-
-    Args:
-        message: of airrace.lcmtypes, with a header.
-        stamp: takes the place of what the message says.
-    """
+    """Returns the bytes of a message of airrace.lcmtypes, with its stamp and checksum."""
     header = message.header
     header.crc32, header.version = 0, VERSION
     header.session, header.sequence, header.time = stamp.session, stamp.sequence, stamp.time
@@ -71,23 +60,22 @@ def stamp_of(data: bytes) -> Stamp:
     """
     if len(data) > MAX_SIZE:
         raise Dropped(OVERSIZED)
-    stamp = _stamp(data)
-    if not math.isfinite(stamp.time):
-        raise Dropped(NOT_FINITE)
-    if stamp.sequence < 1:
+    if len(data) < _HEADER.size:
         raise Dropped(MALFORMED)
-    return stamp
+    _, crc, version, session, sequence, time = _HEADER.unpack_from(data)
+    if version != VERSION or crc & 0xFFFFFFFF != zlib.crc32(memoryview(data)[_UNDER_CRC:]):
+        raise Dropped(MALFORMED)
+    if not math.isfinite(time):
+        raise Dropped(NOT_FINITE)
+    if sequence < 1:
+        raise Dropped(MALFORMED)
+    return Stamp(session, sequence, time)
 
 
 def decode(data: bytes, message_type: type[Any]) -> Any:
-    """Returns the message of bytes that have a Stamp.
+    """Returns the message of bytes for which stamp_of() has raised nothing.
 
-    Args:
-        data: for which stamp_of() has raised nothing.
-        message_type: what it should be, see pack().
-
-    Raises:
-        Dropped: if it is of another type, or incomplete.
+    Raises Dropped if it is of another type, or incomplete.
     """
     stream = BytesIO(data)
     try:
@@ -97,12 +85,3 @@ def decode(data: bytes, message_type: type[Any]) -> Any:
     if stream.tell() != len(data):
         raise Dropped(MALFORMED)
     return message
-
-
-def _stamp(data: bytes) -> Stamp:
-    if len(data) < _HEADER.size:
-        raise Dropped(MALFORMED)
-    _, crc, version, session, sequence, time = _HEADER.unpack_from(data)
-    if version != VERSION or crc & 0xFFFFFFFF != zlib.crc32(memoryview(data)[_UNDER_CRC:]):
-        raise Dropped(MALFORMED)
-    return Stamp(session, sequence, time)

@@ -42,26 +42,17 @@ _KERNEL_SETTINGS = {
 
 @dc.dataclass(frozen=True)
 class LinkFindings:
-    """What a test of a link has found.
+    """What a test of a link has found."""
 
-    Attributes:
-        duration: of the test (s).
-        status: lcmt_link_status, what the autonomy has got, and its kernel's settings.
-        commands: ChannelStatistics of what came back.
-        ages: of the commands: from the state that each answers to its arrival (s).
-        round_trip: the quickest heartbeat there and back (s).
-        offset: by how much the other computer's clock is ahead (s).
-        encode_time: of a picture here (s).
-        picture_rate, state_rate: at which they were sent (Hz).
-    """
-
-    duration: float
+    duration: float  # of the test (s)
+    # lcmt_link_status, what the autonomy has got, and its kernel's settings
     status: lcmtypes.lcmt_link_status
-    commands: ChannelStatistics
-    ages: np.ndarray
-    round_trip: float
-    offset: float
-    encode_time: float
+    commands: ChannelStatistics  # ChannelStatistics of what came back
+    ages: np.ndarray  # of the commands: from the state that each answers to its arrival (s)
+    round_trip: float  # the quickest heartbeat there and back (s)
+    offset: float  # by how much the other computer's clock is ahead (s)
+    encode_time: float  # of a picture here (s)
+    # picture_rate, state_rate: at which they were sent (Hz)
     picture_rate: float
     state_rate: float
 
@@ -81,16 +72,10 @@ def measure(
 ) -> LinkFindings:
     """Returns how a link does, with an autonomy that waits at its other end.
 
-    Args:
-        bus: from open_lcm().
-        scenario: whose rates and size of pictures to use.
-        duration: (s).
-        poll: called now and then; may raise.
-        show: called with the share of the test that is over.
-        patience: how long to wait for the autonomy (s).
+    Args: poll: called now and then; may raise. show: called with the share of the test that is
+    over. patience: how long to wait for the autonomy (s).
 
-    Raises:
-        UserError: if there is no autonomy.
+    Raises UserError if there is no autonomy.
     """
     endpoint = Endpoint(SIMULATION, CHANNELS, bus)
     try:

@@ -3,9 +3,8 @@
 import dataclasses as dc
 import heapq
 import itertools
-import types
-from collections.abc import Callable
 
+from airrace.hitl.link.socket_bus import Bus
 from airrace.math.random import make_generator
 
 
@@ -59,13 +58,13 @@ class SimulatedLink:
             bus.enqueue(message)
 
 
-class SimulatedBus:
+class SimulatedBus(Bus):
     """Stands in for an lcm.LCM: what has arrived lies here until it is handled."""
 
     def __init__(self, link: SimulatedLink):
         """See SimulatedLink.bus()."""
+        super().__init__()
         self._link = link
-        self._subscriptions = []
         self._messages = []  # a heap of (arrival, order, channel, data)
 
     def enqueue(self, message: tuple) -> None:
@@ -77,26 +76,10 @@ class SimulatedBus:
         """Sends a message, or loses it."""
         self._link.send(channel, data)
 
-    def subscribe(
-        self, channel: str, handler: Callable[[str, bytes], object]
-    ) -> types.SimpleNamespace:
-        """Hands all messages of a channel to handler(channel, data)."""
-        subscription = types.SimpleNamespace(
-            channel=channel, handler=handler, set_queue_capacity=lambda number: None
-        )
-        self._subscriptions.append(subscription)
-        return subscription
-
-    def unsubscribe(self, subscription: types.SimpleNamespace) -> None:
-        """Ends a subscription."""
-        self._subscriptions.remove(subscription)
-
     def handle_timeout(self, _: int) -> int:
         """Hands over the next message that has arrived; returns whether there was one."""
         if not self._messages or self._messages[0][0] > self._link.time:
             return 0
         _, _, channel, data = heapq.heappop(self._messages)
-        for subscription in self._subscriptions:
-            if subscription.channel == channel:
-                subscription.handler(channel, data)
+        self._take(channel, data)
         return 1

@@ -35,8 +35,7 @@ class ChannelStatistics:
         Args:
             missing: how many these are.
             size: of the message (bytes).
-            age: when it came (s).
-            arrival: by our clock (s).
+            age, arrival: when it came (s): its age, and by our clock.
             decoding: time that took (s).
         """
         self.received += 1

@@ -6,7 +6,7 @@ import shutil
 import zipfile
 from pathlib import Path
 
-from airrace.hitl.companion.checkout import LOCK
+from airrace.hitl.companion.set_up import LOCK
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.files import digest
-from airrace.hitl.companion.checkout import LOCK, source_digest
+from airrace.hitl.companion.set_up import LOCK, source_digest
 from airrace.hitl.companion.ssh import SshConnection
 from tests.hitl.companion.conftest import ADDRESS, at_workstation
 from tests.hitl.companion.fake_checkout import ROOT

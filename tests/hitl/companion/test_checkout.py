@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.hitl.companion import checkout as checkout_module
-from airrace.hitl.companion.checkout import checkout_path, source_digest, source_files
+from airrace.hitl.companion import set_up
+from airrace.hitl.companion.set_up import checkout_path, source_digest, source_files
 from tests.hitl.companion.fake_checkout import ROOT, make_checkout
 
 
@@ -48,6 +48,6 @@ def test_failures_are_one_sentence(tmp_path, monkeypatch):
 
 def test_checkout(tmp_path, monkeypatch):
     assert checkout_path() == ROOT
-    monkeypatch.setattr(checkout_module, "PACKAGE", tmp_path / "site-packages/airrace")
+    monkeypatch.setattr(set_up, "PACKAGE", tmp_path / "site-packages/airrace")
     with pytest.raises(UserError, match="is no checkout"):
         checkout_path()

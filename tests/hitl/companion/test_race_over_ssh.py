@@ -20,7 +20,7 @@ from airrace.common.files import digest
 from airrace.common.patience import patient
 from airrace.common.resources import models_path
 from airrace.hitl.channels import make_channels
-from airrace.hitl.companion.checkout import LOCK, source_digest
+from airrace.hitl.companion.set_up import LOCK, source_digest
 from airrace.hitl.hitl_race import default_url
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.hitl.companion.checkout import LOCK
+from airrace.hitl.companion.set_up import LOCK
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from tests.hitl.companion.conftest import ADDRESS
 from tests.hitl.companion.tiny_autonomy import start

@@ -16,7 +16,7 @@ import pytest
 from airrace.common.errors import exit_code
 from airrace.hitl.companion import set_up
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.checkout import LOCK
+from airrace.hitl.companion.set_up import LOCK
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from airrace.hitl.companion.ssh_errors import connect_error
 from tests.hitl.companion.conftest import ADDRESS

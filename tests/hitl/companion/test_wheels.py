@@ -9,7 +9,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from airrace.hitl.companion.checkout import LOCK
+from airrace.hitl.companion.set_up import LOCK
 from tests.hitl.companion.fake_checkout import ROOT
 
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.hitl.link import socket_bus
+from airrace.hitl.link import message_socket
+from airrace.hitl.link.message_socket import LARGEST
 from airrace.hitl.link.packets import MAX_SIZE
 from airrace.hitl.link.socket_bus import SocketBus
 from tests.worlds.sockets import drain
@@ -35,7 +36,7 @@ def test_messages_arrive_whole_and_in_order(messages):
             sender.publish(channel, data)
         drain(bus)
         assert received == messages
-        assert bus.received == sum(6 + len(c.encode()) + len(data) for c, data in messages)
+        assert bus.received == sum(5 + len(c.encode()) + len(data) for c, data in messages)
 
 
 def test_a_large_message_is_sent_while_the_other_side_reads(ends):
@@ -52,7 +53,7 @@ def test_a_large_message_is_sent_while_the_other_side_reads(ends):
 
 
 def test_what_nobody_reads_is_lost_beyond_a_limit(ends, monkeypatch):
-    monkeypatch.setattr(socket_bus, "MOST_WAITING", 1000)
+    monkeypatch.setattr(message_socket, "MOST_WAITING", 1000)
     sender, (bus, received) = SocketBus(ends[0]), listener(ends[1], "A")
     for _ in range(3000):  # more than the kernel keeps
         sender.publish("A", bytes(900))
@@ -84,11 +85,11 @@ def test_the_other_end_closes(ends):
 
 
 @pytest.mark.parametrize(
-    "head", [struct.pack(">HI", 65, 1), struct.pack(">HI", 1, MAX_SIZE + 1), b"\xff" * 6]
+    "head", [struct.pack(">I", 66) + 65 * b"A" + b"\0", struct.pack(">I", LARGEST + 1), b"\xff" * 6]
 )
 def test_what_is_no_message_breaks_the_link(ends, head):
     bus, received = listener(ends[1], "A")
-    ends[0].sendall(struct.pack(">HI", 1, 1) + b"Ax" + head + b"A")
+    ends[0].sendall(struct.pack(">I", 3) + b"A\0x" + head + b"A")
     drain(bus)
     assert received == [("A", b"x")] and bus.is_broken
     assert bus.handle_timeout(0) == 0

@@ -1,10 +1,9 @@
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.hitl.command import HitlOptions
+from airrace.hitl.command import HitlOptions, ssh_companions
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.ssh_companion import SshCompanion
-from airrace.hitl.ssh_options import ssh_companions
 from tests.worlds.command_line import parse as parse_race
 
 
@@ -15,14 +14,7 @@ def parse(*words) -> HitlOptions:
 def test_options_reach_the_companion(tmp_path):
     (tmp_path / "key").touch()
     make = ssh_companions(
-        parse(
-            "--companion",
-            "user@board",
-            "--identity",
-            str(tmp_path / "key"),
-            "--wheels",
-            str(tmp_path),
-        )
+        parse(*f"--companion user@board --identity {tmp_path / 'key'} --wheels {tmp_path}".split())
     )
     companion = make(Address("pilot", "board", 2222))
     assert isinstance(companion, SshCompanion)

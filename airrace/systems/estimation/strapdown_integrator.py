@@ -243,7 +243,7 @@ def _step(vector, disturbance, samples, corrections, speeds, now, model):
     history, heard, last = memory.history, memory.heard, memory.history[0, 0]
     samples = samples.reshape((-1, SAMPLE_SIZE))
     thrust, count = _thrust_per_mass(speeds, constants), 0
-    if not _is_stuck(samples, thrust, _bridges(memory)):
+    if not _is_stuck(samples, thrust, last > heard[0]):
         count = remember(history, samples, constants.ranges)
     if count > 0:
         heard[0] = history[0, 0]
@@ -263,7 +263,8 @@ def _carry_forward(result, vector, samples, speeds, time, model):
     samples = samples.reshape((-1, SAMPLE_SIZE))
     assign(result, memory.estimate)
     recent = memory.history[: len(samples)].copy()
-    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), _bridges(memory)):
+    bridges = memory.history[0, 0] > memory.heard[0]
+    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), bridges):
         remember(recent, samples, constants.ranges)
     if memory.navigation[0] >= 0.0 and recent[0, 0] > 0.0:
         state = as_navigation(carried_to(memory.navigation, recent, time))
@@ -281,17 +282,11 @@ def _thrust_per_mass(speeds, constants):
 
 
 @compilable
-def _bridges(memory):
-    """Whether the newest sample was made up, because the sensor is silent."""
-    return memory.history[0, 0] > memory.heard[0]
-
-
-@compilable
 def _is_stuck(samples, thrust, bridges):
     """Whether a sensor in flight shows the same again and again, to the last bit.
 
-    With little thrust, by mass (m/s^2), the drone may stand; but not while samples are made up
-    (``bridges``).
+    With little thrust, by mass (m/s^2), the drone may stand; but not while it ``bridges``: then the
+    newest sample was made up, because the sensor is silent.
     """
     if not bridges and thrust < _FLYING * GRAVITY:
         return False
@@ -329,7 +324,7 @@ def _replace_silence(memory, count, now, speeds, constants):
     turning = angular_acceleration(wrench[1:], expected, J)
     assign(expected, added(expected, constants.period, turning))
     # Once it has begun it goes on, with however little thrust.
-    flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass
+    flies = history[0, 0] > heard or wrench[0] > _FLYING * GRAVITY * mass
     time = now - memory.age[0]
     if not flies or not now - heard > constants.silent or not time > history[0, 0]:
         return 0

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle, load_vehicle
@@ -56,31 +55,11 @@ class RotorMonitor(LeafSystem):
         return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
     def _compare(self, context, discrete_state):
-        _compare(
-            discrete_state.get_mutable_value(self._slow_since),
-            discrete_state.get_mutable_value(self._losses),
-            read_vector(self._report, context),
-            self._least,
-            context.get_time(),
-        )
-
-
-@compiled
-def _compare(slow_since, losses, rotor_status, least, now):
-    """Notes which rotors do not follow, and which are lost since now.
-
-    Args:
-        slow_since: see RotorMonitor (s), (n,); changed.
-        losses: of the rotors (s), (n,); changed.
-        rotor_status: vector of a RotorStatus, (1 + 2n,).
-        least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
-        now: (s).
-    """
-    status = as_rotor_status(rotor_status)
-    for i in range(len(losses)):
-        expected = status.expected[i]
+        time, speeds, expected = as_rotor_status(read_vector(self._report, context))
+        slow_since = discrete_state.get_mutable_value(self._slow_since)
+        losses = discrete_state.get_mutable_value(self._losses)
         # Written such that a speed that is not a number is too low.
-        is_slow = expected > least[i] and not status.speeds[i] >= _SHARE * expected
-        slow_since[i] = min(slow_since[i], status.time) if is_slow else np.inf
-        if status.time - slow_since[i] >= _PATIENCE:
-            losses[i] = min(losses[i], now)
+        is_slow = (expected > self._least) & ~(speeds >= _SHARE * expected)
+        slow_since[:] = np.where(is_slow, np.minimum(slow_since, time), np.inf)
+        is_lost = time - slow_since >= _PATIENCE
+        losses[is_lost] = np.minimum(losses[is_lost], context.get_time())

@@ -52,26 +52,22 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
         slopes against the edges, (4, 2).
     """
     lines = np.zeros((4, 2))
+    half = len(ALONG) // 2
     for i in range(4):
-        reach = _REACH * edges.width[i]
-        first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST))
-        if s > _BLURRED and reach > _FARTHEST:
-            first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST_OF_BLURRED))
+        width, first, second, s = edges.width[i], 0.0, 0.0, 0.0
+        for farthest in (_FARTHEST, _FARTHEST_OF_BLURRED):
+            reach = min(_REACH * width, farthest)
+            levels = profiles(image, edges, i, reach)
+            first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
+            second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)
+            s = (s_first + s_second) / 2
+            if not s > _BLURRED or reach < farthest:
+                break
         lines[i, 0] = (first + second) / 2
         if s > _SHARP:
             # The middles of the halves are half the profiles' extent apart.
             lines[i, 1] = (second - first) / (EXTENT / 2 * edges.length[i])
     return lines
-
-
-@compiled
-def _fit_halves(image, edges, i, reach):
-    """Returns the offsets of both halves of edge i, and their mean blur (px); see profiles()."""
-    width, half = edges.width[i], len(ALONG) // 2
-    levels = profiles(image, edges, i, reach)
-    first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
-    second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)
-    return first, second, (s_first + s_second) / 2
 
 
 @compiled
@@ -92,9 +88,10 @@ def _fit_profile(y, reach, width):
         for j in range(len(x)):
             z, z_rim = (x[j] - d) / s, (x[j] - d - _RIM * width) / s
             z_module = -(x[j] - d + _MODULE * width) / s
-            step, rim, module = _cdf(z), _cdf(z_rim), _cdf(z_module)
+            (step, slope), (rim, rim_slope) = _normal(z), _normal(z_rim)
+            module, module_slope = _normal(z_module)
             error[j] -= a + b * step + c * rim + e * module
-            by_z, by_rim, by_module = b * _pdf(z), c * _pdf(z_rim), e * _pdf(z_module)
+            by_z, by_rim, by_module = b * slope, c * rim_slope, e * module_slope
             J[j, 1:4] = step, rim, module
             J[j, 4] = (-by_z - by_rim + by_module) / s
             J[j, 5] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
@@ -106,12 +103,6 @@ def _fit_profile(y, reach, width):
 
 
 @compiled
-def _cdf(z):
-    """Returns the normal distribution function."""
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))
-
-
-@compiled
-def _pdf(z):
-    """Returns the normal density."""
-    return math.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+def _normal(z):
+    """Returns the normal distribution function, and the density, which is its derivative."""
+    return 0.5 * math.erfc(-z / math.sqrt(2.0)), math.exp(-z * z / 2) / math.sqrt(2 * math.pi)

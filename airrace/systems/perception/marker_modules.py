@@ -5,7 +5,6 @@ import functools
 import cv2
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.systems.perception.interpolation import as_pixels, grey_levels
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
@@ -19,10 +18,10 @@ _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
 def _sample_points() -> np.ndarray:
-    """Returns points in the inner half of each module, in homogeneous coordinates, (49 * 9, 3)."""
+    """Returns points in the inner half of each module, in homogeneous coordinates, (9 * 49, 3)."""
     within = np.array([0.25, 0.5, 0.75])
-    row, column, v, u = np.meshgrid(
-        np.arange(_MODULES), np.arange(_MODULES), within, within, indexing="ij"
+    v, u, row, column = np.meshgrid(
+        within, within, np.arange(_MODULES), np.arange(_MODULES), indexing="ij"
     )
     points = np.stack([(column + u) / _MODULES, (row + v) / _MODULES, np.ones(u.shape)], axis=-1)
     return np.ascontiguousarray(points.reshape(-1, 3))
@@ -98,9 +97,8 @@ def _code(grey, homography):
     return -1 if white[_FRAME].any() else int((white[_INNER] * _BITS).sum())
 
 
-@compiled
 def _module_levels(grey, homography):
     """Returns the mean grey level of each module's inner half, row by row, (49,)."""
     p = _SAMPLES @ homography.T
-    levels = grey_levels(grey, p[:, 0] / p[:, 2], p[:, 1] / p[:, 2])
-    return levels.reshape(_MODULES**2, -1).sum(axis=1) / (len(_SAMPLES) // _MODULES**2)
+    levels = grey_levels(grey, p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]).reshape(-1, _MODULES**2)
+    return levels.sum(axis=0) / len(levels)

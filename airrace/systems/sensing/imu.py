@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import assign, compilable, compiled
+from airrace.common.jit import assign, compiled
 from airrace.common.packing import Packing
 from airrace.math.random import NoiseSequence
 from airrace.math.triples import (
@@ -207,10 +207,16 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
         model: an ImuModel, as a tuple.
     """
     period, position, axes, sigmas, walk, ranges, time_offset = model
-    before = memory.copy()
+    before = _as_memory(memory.copy())
     _remember(memory, plant_state, lead, position)
     after = _as_memory(memory)
-    motion, biases, late = _motion(_as_memory(before), after, period), after.biases, after.late
+    # What an ideal sensor shows.
+    x, y, z = rotation_between(before.quaternion, after.quaternion)
+    dv = difference(after.velocity, before.velocity)
+    a = (dv[0] / period, dv[1] / period, dv[2] / period + GRAVITY)
+    specific_force = rotate_back(rotation_rows(before.quaternion), a)
+    motion = (x / period, y / period, z / period), specific_force
+    biases, late = after.biases, after.late
     row = np.empty(SAMPLE_SIZE)
     row[0] = time + time_offset
     for i in range(6):
@@ -232,17 +238,3 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
         insert(late.reshape((-1, SAMPLE_SIZE)), newest)
     if row[0] >= 0.0:
         insert(shown.reshape((-1, SAMPLE_SIZE)), row)
-
-
-@compilable
-def _motion(before, after, period):
-    """Returns mean angular velocity (rad/s) and specific force (m/s^2) of an ideal IMU.
-
-    Args:
-        before, after: ImuMemory at the ends of the period (s).
-    """
-    x, y, z = rotation_between(before.quaternion, after.quaternion)
-    dv = difference(after.velocity, before.velocity)
-    a = (dv[0] / period, dv[1] / period, dv[2] / period + GRAVITY)
-    force = rotate_back(rotation_rows(before.quaternion), a)
-    return (x / period, y / period, z / period), force

@@ -49,7 +49,6 @@ class ImuSamples(NamedTuple):
     specific_force: np.ndarray
 
 
-@compilable
 def as_samples(vector: np.ndarray) -> ImuSamples:
     """Returns the parts of a vector of n samples, (7 n,), as views of it."""
     rows = vector.reshape((-1, SAMPLE_SIZE))

@@ -13,7 +13,7 @@ from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.velocity_controller import VelocityController
 from airrace.systems.failsafe.setpoint_watchdog import SetpointWatchdog
 from airrace.systems.sensing.contact_sensor import CONTACT_RATE
-from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.systems.sensing.state_estimate import TrueEstimate
 from airrace.track import Course, start_pose
 from airrace.vehicle import Vehicle
 

@@ -1,11 +1,12 @@
 """Geometric tracking control on SE(3)."""
 
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
 from airrace.common.jit import all_finite, compiled
+from airrace.scenario import Scenario
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -21,11 +22,6 @@ from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 _NONE = np.zeros(3)  # no disturbance
 _FED_FORWARD = np.r_[
@@ -120,7 +116,7 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the controller of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 

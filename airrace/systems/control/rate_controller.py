@@ -1,17 +1,13 @@
 """Control of thrust and body rates, as policies and pilots of racing drones command them."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
+from airrace.scenario import Scenario
 from airrace.systems.control.rate_law import make_rate_parameters, rate_law
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 
 class RateController(LeafSystem):
@@ -46,7 +42,7 @@ class RateController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the controller of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
 

@@ -122,9 +122,7 @@ def set_limited_thrusts(
     2017), section III. Each is scaled as little as brings all rotors within their limits, which
     needs no iteration.
 
-    Args:
-        thrusts: are written.
-        inverse: (n, 4), whose first column is positive. limits: (N), (n,).
+    Args: thrusts: are written. inverse: (n, 4), whose first column is positive. limits: (N), (n,).
     """
     n = len(limits)
     # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust

@@ -37,9 +37,7 @@ E_Z = np.array((0.0, 0.0, 1.0))
 def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
     """Returns n, (15 + 5 k,): the errors that a turn of the world by 1 rad makes.
 
-    Args:
-        state: of the drone.
-        gates: nominal states of k gates, (k, 5).
+    Args: state: of the drone. gates: nominal states of k gates, (k, 5).
     """
     n = np.zeros(DRONE + GATE * len(gates))
     n[AT.theta] = rotation_matrix(state.quaternion)[2]
@@ -54,10 +52,7 @@ def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
 def carried_covariance(P: np.ndarray, change: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Returns the covariance G P G^T, (15 + 5 k, 15 + 5 k).
 
-    Args:
-        P: before.
-        change: n+ - n, (15 + 5 k,).
-        w: R^T e_z before, (3,).
+    Args: P: before. change: n+ - n, (15 + 5 k,). w: R^T e_z before, (3,).
     """
     Pw = dot(P.T, w)
     variance = dot(w, Pw)

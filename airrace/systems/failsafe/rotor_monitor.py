@@ -1,18 +1,14 @@
 """Notices rotors that have stopped."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.rotors import as_rotor_status
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
@@ -50,7 +46,7 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", self._losses)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the monitor of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 

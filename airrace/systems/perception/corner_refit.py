@@ -86,8 +86,7 @@ def _fit_edge(image, edges, i, reach, is_crowded):
         image, edges, i, reach: see profiles().
         is_crowded: whether there may be something else in the profiles.
 
-    Returns:
-        (offset (px), slope), and their variances; NaN where there are too few points.
+    Returns: (offset (px), slope), and their variances; NaN where there are too few points.
     """
     levels = profiles(image, edges, i, reach)
     gradient = levels[:, 1:] - levels[:, :-1]
@@ -128,12 +127,9 @@ def _corner_covariance(edges, variances):
     The normals n_i, n_j of the two lines through a corner and the distances by which the
     lines move there give the corner's motion u: n_i u = d_i, n_j u = d_j.
 
-    Args:
-        edges: of the square.
-        variances: of offset (px^2) and slope, (4, 2).
+    Args: edges: of the square. variances: of offset (px^2) and slope, (4, 2).
 
-    Returns:
-        (8, 8) px^2.
+    Returns: (8, 8) px^2.
     """
     J = np.zeros((8, 8))
     for i in range(4):

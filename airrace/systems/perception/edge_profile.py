@@ -1,10 +1,12 @@
 """Finds blurred edges of markers by a model of what lies around them."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from airrace.common.jit import compiled
+from airrace.common.packing import Packing
 from airrace.math.small_matrices import cholesky, product, solve_cholesky
 from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, Edges, profiles
 from airrace.track import BOARD_SIZE, MARKER_SIZE
@@ -18,13 +20,30 @@ _FARTHEST = 5.0  # and at most (px);
 _FARTHEST_OF_BLURRED = 9.0  # px, where 5 would show too little around an edge
 _BLURRED = 1.2  # px, blur s from which on that is so
 _ITERATIONS = 2
-# Standard deviations of the parameters a, b, c, e (grey levels), d, s (px) before the fit,
-# if that of a sample is one grey level. They decide what a profile does not show.
-_PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
 _SHARP = 0.7  # px, blur s up to which an edge keeps its direction
 _MOST_OFFSET = 1.0  # px
+
+
+class _Blur(NamedTuple):
+    """The parameters of the model, see model_lines().
+
+    Attributes: a, b, c, e: levels (grey levels). d: offset (px). s: blur (px).
+    """
+
+    a: float
+    b: float
+    c: float
+    e: float
+    d: float
+    s: float
+
+
+_AT, _vector = Packing(_Blur).at, Packing(_Blur).vector
+# Standard deviations of the parameters before the fit, if that of a sample is one grey level. They
+# decide what a profile does not show.
+_PRIOR = _vector(_Blur(200.0, 200.0, 200.0, 200.0, d=0.7, s=0.35))
 
 
 @compiled
@@ -74,13 +93,10 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 def _fit_profile(y, reach, width):
     """Returns the offset d and the blur s of the model that fits a profile (px).
 
-    Args:
-        y: grey levels at ACROSS, (s,).
-        reach: half the profile (px).
-        width: of the square (px).
+    Args: y: grey levels at ACROSS, (s,). reach: half the profile (px). width: of the square (px).
     """
     x, weights = ACROSS * reach, _PRIOR**-2
-    prior = np.array([y.min(), y.max() - y.min(), 0.0, 0.0, 0.0, _SIGMA])
+    prior = _vector(_Blur(y.min(), y.max() - y.min(), 0.0, 0.0, 0.0, _SIGMA))
     q = prior.copy()
     for _ in range(_ITERATIONS):
         error, J = y.copy(), np.ones((len(x), 6))
@@ -92,14 +108,14 @@ def _fit_profile(y, reach, width):
             module, module_slope = _normal(z_module)
             error[j] -= a + b * step + c * rim + e * module
             by_z, by_rim, by_module = b * slope, c * rim_slope, e * module_slope
-            J[j, 1:4] = step, rim, module
-            J[j, 4] = (-by_z - by_rim + by_module) / s
-            J[j, 5] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
+            J[j, _AT.b], J[j, _AT.c], J[j, _AT.e] = step, rim, module
+            J[j, _AT.d] = (-by_z - by_rim + by_module) / s
+            J[j, _AT.s] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
         H = product(J.T, J) + np.diag(weights)
         q += solve_cholesky(cholesky(H), J.T @ error - weights * (q - prior))
-        q[4] = min(max(q[4], -_MOST_OFFSET), _MOST_OFFSET)
-        q[5] = min(max(q[5], _LEAST_SIGMA), _MOST_SIGMA)
-    return q[4], q[5]
+        q[_AT.d] = min(max(q[_AT.d], -_MOST_OFFSET), _MOST_OFFSET)
+        q[_AT.s] = min(max(q[_AT.s], _LEAST_SIGMA), _MOST_SIGMA)
+    return q[_AT.d], q[_AT.s]
 
 
 @compiled

@@ -158,12 +158,9 @@ def _linearized(problem, R, t):
 def project(p: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the pixel of a point through a lens with plumb-bob distortion.
 
-    Args:
-        p: the point in C, (3,) m.
-        camera: see best_pose().
+    Args: p: the point in C, (3,) m. camera: see best_pose().
 
-    Returns:
-        (2,) px, and its derivative by p, (2, 3).
+    Returns: (2,) px, and its derivative by p, (2, 3).
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = camera
     z = p[2]

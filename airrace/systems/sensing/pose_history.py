@@ -19,9 +19,7 @@ _LEAST_JUMP, _MOST_ACCELERATION = 0.2, 50.0  # m and rad; m/s^2 and rad/s^2
 def remember(history: np.ndarray, estimate: np.ndarray) -> None:
     """Writes a state estimate into a history, if it is sound and newer than what is there.
 
-    Args:
-        history: flat, (14 n,); changed.
-        estimate: (14,).
+    Args: history: flat, (14 n,); changed. estimate: (14,).
     """
     if is_sound(estimate) and as_state(estimate).time > as_state(history[:STATE_SIZE]).time:
         history[:] = np.concatenate((estimate, history[:-STATE_SIZE]))
@@ -36,7 +34,7 @@ def last_two(history: np.ndarray, newest: np.ndarray, time: float) -> np.ndarray
         time: (s).
     """
     rows, nothing = history.reshape(-1, STATE_SIZE), np.full(STATE_SIZE, -1.0)
-    times, latest = as_state(rows.T).time, time + 1e-9
+    times, latest = np.asarray(as_state(rows.T).time), time + 1e-9
     last = rows[(times >= 0.0) & (times <= latest)][:2]
     if is_sound(newest) and times[0] < as_state(newest).time <= latest:
         last = np.vstack((newest, last))

@@ -14,8 +14,7 @@ from airrace.scenario import Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
-from airrace.systems.perception.detector_config import DetectorConfig
-from airrace.systems.perception.marker_measurement import measure
+from airrace.systems.perception.marker_measurement import DetectorConfig, measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections

@@ -21,8 +21,7 @@ from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import CORNERS, POSES
 from airrace.scenario.camera_config import PRESETS
 from airrace.systems.perception.aruco_detector import DetectorState, detect
-from airrace.systems.perception.detector_config import DetectorConfig
-from airrace.systems.perception.marker_measurement import measure
+from airrace.systems.perception.marker_measurement import DetectorConfig, measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.track import load_track

@@ -82,10 +82,8 @@ systems/control/attitude_controller.py   systems/control/test_flight_cascade.py
 systems/control/rotor_commands.py        systems/control/test_geometric_controller.py
 systems/control/velocity_controller.py   systems/control/test_flight_cascade.py
 systems/estimation/slam_filter.py        systems/estimation/test_gate_slam.py
-systems/estimation/slam_map.py           systems/estimation/test_gate_slam.py
 systems/estimation/slam_state.py         systems/estimation/test_gate_slam.py
 systems/exploring/explorer_memory.py     systems/exploring/test_search.py
-systems/perception/detector_config.py    systems/perception/test_aruco_detector.py
 systems/perception/edge_profile.py       systems/perception/test_corner_refit.py
 systems/perception/edges.py              systems/perception/test_corner_refit.py
 systems/perception/marker_measurement.py systems/perception/test_aruco_detector.py
@@ -111,7 +109,6 @@ trajopt/errors.py                        trajopt/test_gate_regions.py
 trajopt/flight_limits.py                 trajopt/test_round_trip.py
 trajopt/hermite.py                       trajopt/min_snap/test_min_snap.py
 trajopt/reference.py                     trajopt/test_round_trip.py
-trajopt/stop.py                          systems/exploring/test_landing.py
 trajopt/time_optimal/dynamics.py         trajopt/time_optimal/test_lap_step.py
 trajopt/time_optimal/dynamics_limits.py  trajopt/time_optimal/test_optimal_lap.py
 trajopt/time_optimal/lap_samples.py      trajopt/time_optimal/test_lap_step.py

@@ -12,7 +12,7 @@ from airrace.diagrams.wiring import connect_by_name, export_inputs, export_outpu
 from airrace.scenario import Scenario
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.planning.held_reference import HeldReference
-from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.systems.sensing.state_estimate import TrueEstimate
 from airrace.systems.types import ExplorerStatus
 
 if TYPE_CHECKING:

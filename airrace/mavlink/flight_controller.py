@@ -12,7 +12,7 @@ from airrace.systems.control.motor_switch import MotorSwitch
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.velocity_controller import VelocityController
 from airrace.systems.failsafe.setpoint_watchdog import SetpointWatchdog
-from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.systems.sensing.state_estimate import TrueEstimate
 from airrace.track import Course, start_pose
 from airrace.vehicle import Vehicle
 

@@ -1,23 +1,17 @@
 """Reading vector ports without a copy."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-
-if TYPE_CHECKING:
-    from pydrake.systems.framework import Context, InputPort
+from pydrake.systems.framework import Context, InputPort
 
 
-def read_vector(port: "InputPort", context: "Context") -> np.ndarray:
+def read_vector(port: InputPort, context: Context) -> np.ndarray:
     """Returns the value of an input port, (n,): like its Eval(), but not a copy.
 
     The copy is a third of the cost of reading a vector in Python, and some are read at
     every step of the plant.
 
-    Args:
-        port: a vector-valued InputPort. context: of its system.
+    Args: port: a vector-valued InputPort. context: of its system.
 
-    Returns:
-        an array that must be neither written to nor kept: it is Drake's own memory.
+    Returns: an array that must be neither written to nor kept: it is Drake's own memory.
     """
     return port.EvalBasicVector(context).value()

@@ -11,7 +11,7 @@ from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context
 
-from airrace.common.jit import assign, compilable, compiled
+from airrace.common.jit import assign, compiled
 from airrace.common.packing import Packing
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
@@ -304,15 +304,7 @@ def _observe(memory, time, state, impulse, shifts, criteria):
     max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
     after = RefereeMemory(time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0, p, impulse)
     assign(memory, _memory_vector(after))
-    return crossing, offset, pushed, _verdict(p, time, criteria)
-
-
-@compilable
-def _verdict(p, time, criteria):
-    """Returns the verdict on a position and a time."""
-    if not math.isfinite(np.sum(p)):
-        return DIVERGED
-    inside = np.all(p[:2] > criteria.arena_min) and np.all(p < criteria.arena_max)
-    if not inside:
-        return ARENA
-    return TIMEOUT if time >= criteria.time_limit else UNDECIDED
+    verdict = TIMEOUT if time >= criteria.time_limit else UNDECIDED
+    if not (np.all(p[:2] > criteria.arena_min) and np.all(p < criteria.arena_max)):
+        verdict = ARENA if math.isfinite(np.sum(p)) else DIVERGED
+    return crossing, offset, pushed, verdict

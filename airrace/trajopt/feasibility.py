@@ -109,10 +109,7 @@ class FlightCheck(Immutable):
 def check_flight(samples: np.ndarray, pylons: ArrayLike, limits: FlightLimits) -> FlightCheck:
     """Checks samples of a flight.
 
-    Args:
-        samples: References as vectors, (18, N).
-        pylons: axes, [x, y], (m, 2) m.
-        limits: to keep.
+    Args: samples: References as vectors, (18, N). pylons: axes, [x, y], (m, 2) m. limits: to keep.
     """
     thrusts, w = inverse_dynamics(samples, limits.vehicle)
     most = limits.max_thrusts[:, None]

@@ -1,16 +1,11 @@
 """Differential flatness: from position and yaw to attitude, rates and rotors."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.vec3 import cross, dot
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY
-
-if TYPE_CHECKING:
-    from airrace.vehicle import Vehicle
+from airrace.vehicle import GRAVITY, Vehicle
 
 
 @compilable
@@ -77,7 +72,7 @@ def heading_vectors(
     return (c, s, 0.0), first, second
 
 
-def inverse_dynamics(flat_outputs: np.ndarray, vehicle: "Vehicle") -> tuple[np.ndarray, np.ndarray]:
+def inverse_dynamics(flat_outputs: np.ndarray, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
     """Inverse dynamics of a trajectory.
 
     Args:
@@ -97,7 +92,7 @@ def inverse_dynamics(flat_outputs: np.ndarray, vehicle: "Vehicle") -> tuple[np.n
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 
-def moments(vehicle: "Vehicle", w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+def moments(vehicle: Vehicle, w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Returns the moments about the body's axes that turn it so (N m), (3, N).
 
     Args: w, alpha: angular velocity and acceleration in B, (3, N).

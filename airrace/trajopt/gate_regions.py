@@ -2,15 +2,12 @@
 
 import dataclasses as dc
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-
-if TYPE_CHECKING:
-    from pydrake.solvers import MathematicalProgram
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
@@ -81,7 +78,7 @@ class GateRegions:
         return turn_per_lap(self.headings)
 
     def constrain(
-        self, program: "MathematicalProgram", i: int, step: np.ndarray, point: np.ndarray
+        self, program: MathematicalProgram, i: int, step: np.ndarray, point: np.ndarray
     ) -> None:
         """Adds to a MathematicalProgram that point + step lies in the region of gate i.
 

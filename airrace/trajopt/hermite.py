@@ -15,9 +15,7 @@ def unit_segment(degree: int, minimized_derivative: int) -> tuple[np.ndarray, np
     sum_k x_k b_k(t) + y_k (-1)^k b_k(1 - t), where
     b_k(t) = t^k / k! (1 - t)^n sum_{s < n - k} C(n + s - 1, s) t^s.
 
-    Args:
-        degree: 2n - 1.
-        minimized_derivative: whose squared integral is the cost, 4 for snap.
+    Args: degree: 2n - 1. minimized_derivative: whose squared integral is the cost, 4 for snap.
 
     Returns:
         (basis, hessian), each (2n, 2n), from (x_0 ..., y_0 ...): to monomial

@@ -1,10 +1,12 @@
 """How a drone stops that nobody leads any more: it brakes, hovers, and comes down on the spot."""
 
+import dataclasses as dc
 import math
 from typing import NamedTuple
 
 import numpy as np
 
+from airrace.common.immutable import Immutable
 from airrace.math.quaternion import heading
 from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.trajopt.reference import as_reference
@@ -95,3 +97,21 @@ def _descended(height: float, elapsed: float) -> tuple[float, float]:
     beneath = max(slow - max(low, 0.0) / _LAST_DESCENT, 0.0)
     rate = _LAST_DESCENT + _QUICKENING * beneath
     return low - _LAST_DESCENT * slow - _QUICKENING * beneath**2 / 2, rate
+
+
+@dc.dataclass(frozen=True)
+class Landing(Immutable):
+    """Brakes in the direction of flight, and descends on the spot.
+
+    It stands where a trajectory stands otherwise.
+
+    Attributes:
+        stop: from the state at the beginning.
+    """
+
+    stop: Stop
+
+    def reference(self, time: float) -> np.ndarray:
+        """Returns the sample at a time since the beginning (s), a Reference as a vector, (18,)."""
+        braked = self.stop.braking_time
+        return self.stop.reference(time, time - braked if time >= braked else None)

@@ -8,7 +8,7 @@ import pytest
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.race import run_race
 from airrace.scenario import PerceptionConfig, Scenario
-from airrace.systems.perception.detector_config import DetectorConfig
+from airrace.systems.perception.marker_measurement import DetectorConfig
 
 ORIGINAL = PerceptionConfig(
     corners="opencv",

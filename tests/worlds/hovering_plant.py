@@ -5,7 +5,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ApplyForces
-from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.systems.sensing.state_estimate import TrueEstimate
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 
 RATE, DT = 500.0, 0.001

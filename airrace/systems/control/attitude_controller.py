@@ -11,7 +11,7 @@ from airrace.systems.control.setpoint import (
     VELOCITY,
     as_setpoint,
 )
-from airrace.systems.control.velocity_controller import ATTITUDE_COMMAND_SIZE
+from airrace.systems.control.velocity_controller import ATTITUDE_COMMAND_SIZE, as_attitude_command
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
@@ -34,8 +34,8 @@ class AttitudeController(LeafSystem):
         output_ports:
         - rate_command
 
-    ``watched_setpoint`` is a Setpoint (24), ``attitude_command`` what VelocityController says,
-    (6,), ``filtered_estimate`` a vehicle.State (14), and ``rate_command`` what RateController
+    ``watched_setpoint`` is a Setpoint (24), ``attitude_command`` an AttitudeCommand (6),
+    ``filtered_estimate`` a vehicle.State (14), and ``rate_command`` what RateController
     takes: [f, w_x, w_y, w_z] (N, rad/s), (4,), zeros for other set-points.
 
     The rates are proportional to the rotation vector from the attitude to the one wanted, in B.
@@ -60,16 +60,9 @@ class AttitudeController(LeafSystem):
         elif setpoint.kind in (ATTITUDE, VELOCITY, POSITION):
             thrust, quaternion, yaw_rate = setpoint.thrust * self._most, setpoint.quaternion, 0.0
             if setpoint.kind != ATTITUDE:
-                wanted = read_vector(self._attitude, context)
-                thrust, quaternion, yaw_rate = wanted[0], wanted[1:5], wanted[5]
-            state = as_state(read_vector(self._estimate, context))
-            command[0] = thrust
-            command[1:] = _rates(
-                np.array(state.quaternion), np.array(quaternion), float(yaw_rate), _GAINS
-            )
-            np.clip(command[1:], -MOST_RATES, MOST_RATES, out=command[1:])
-
-
-def _rates(q, wanted, yaw_rate, gains):
-    """Returns rates in B (rad/s), (3,), for quaternions of R_WB and a rate about the vertical."""
-    return gains * rotation_between(q, wanted) + yaw_rate * rotation_matrix(q)[2]
+                thrust, quaternion, yaw_rate = as_attitude_command(
+                    read_vector(self._attitude, context)
+                )
+            q = as_state(read_vector(self._estimate, context)).quaternion
+            rates = _GAINS * rotation_between(q, quaternion) + yaw_rate * rotation_matrix(q)[2]
+            command[0], command[1:] = thrust, np.clip(rates, -MOST_RATES, MOST_RATES)

@@ -20,9 +20,7 @@ def reduced_error(R_DB: np.ndarray, w: np.ndarray) -> np.ndarray:
     does not change the direction in which the tilt is corrected. To first order
     it is lee_error().
 
-    Args:
-        R_DB: R_WD^T R_WB, (3, 3).
-        w: angular velocity in B (rad/s), (3,), see tilt_error().
+    Args: R_DB: R_WD^T R_WB, (3, 3). w: angular velocity in B (rad/s), (3,), see tilt_error().
     """
     # The last row of R_DB is the desired z axis in B.
     x, y, _ = tilt_error(R_DB[2], _UP, w)
@@ -38,8 +36,7 @@ def lee_error(R_DB: np.ndarray) -> np.ndarray:
     2010): the sine of the angle, about the axis of the rotation. So it grows up to 90
     degrees only, and vanishes at half a turn.
 
-    Args:
-        R_DB: R_d^T R, that is R_WD^T R_WB, (3, 3).
+    Args: R_DB: R_d^T R, that is R_WD^T R_WB, (3, 3).
     """
     S = R_DB
     return 0.5 * np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))

@@ -115,8 +115,7 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
     equation (10); the damping of roll and pitch does not turn with a spin that is yet to be
     stopped; and the moment leads the rotors' delay, see lead_moment().
 
-    Args:
-        reference: D, the desired motion. state: of the body B. parameters: of the vehicle.
+    Args: reference: D, the desired motion. state: of the body B. parameters: of the vehicle.
     """
     if reference.acceleration[2] < NO_LIFT:
         return np.zeros(4)
@@ -165,9 +164,7 @@ def limited(force: np.ndarray, greatest: float) -> np.ndarray:
 
     Height goes first; to the side goes what is left.
 
-    Args:
-        force: (3,) in the world (m/s^2).
-        greatest: amount (m/s^2).
+    Args: force: (3,) in the world (m/s^2). greatest: amount (m/s^2).
     """
     x, y, z = force
     z = min(max(z, _LEAST_LIFT), greatest)

@@ -1,11 +1,12 @@
 """Geometric tracking control on SE(3)."""
 
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
-from airrace.common.jit import all_finite, assign, compiled
+from airrace.common.jit import all_finite, compiled
+from airrace.scenario import Scenario
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -16,18 +17,16 @@ from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.trajopt.reference import AT_REFERENCE, REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
 
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
-
-_NONE = np.zeros(3)  # no disturbance, and no motion
+_NONE = np.zeros(3)  # no disturbance
+_FED_FORWARD = np.r_[
+    AT_REFERENCE.jerk, AT_REFERENCE.snap, AT_REFERENCE.yaw_rate, AT_REFERENCE.yaw_acceleration
+]
 
 
 class GeometricController(LeafSystem):
@@ -117,7 +116,7 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the controller of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
@@ -128,7 +127,9 @@ class GeometricController(LeafSystem):
             disturbance = read_vector(self._disturbance, context)
         if remaining.can_fly:
             reference = self._reference.Eval(context)
-            _lean(reference, disturbance, self._feed_forward)
+            reference[AT_REFERENCE.acceleration] -= disturbance
+            if not self._feed_forward:
+                reference[_FED_FORWARD] = 0.0
             wrench = self.calc_wrench(reference, estimate)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
@@ -157,17 +158,6 @@ class GeometricController(LeafSystem):
             estimate: vector of a State, (14,).
         """
         return _wrench(reference, estimate, self._parameters)
-
-
-@compiled
-def _lean(reference, disturbance, feed_forward):
-    """Makes a reference, (18,), lean against a disturbance (m/s^2); see GeometricController."""
-    _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
-    acceleration -= disturbance
-    if not feed_forward:
-        assign(jerk, _NONE)
-        assign(snap, _NONE)
-        assign(reference[-2:], _NONE)  # the derivatives of yaw
 
 
 @compiled

@@ -1,22 +1,13 @@
 """Control of thrust and body rates, as policies and pilots of racing drones command them."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
-import numpy as np
-
-from airrace.common.jit import all_finite, compiled
-from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import rotate
-from airrace.systems.control.rate_law import RateParameters, make_rate_parameters, rate_law
+from airrace.scenario import Scenario
+from airrace.systems.control.rate_law import make_rate_parameters, rate_law
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle, load_vehicle
-from airrace.vehicle.state import STATE_SIZE, as_state
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
+from airrace.vehicle.state import STATE_SIZE
 
 
 class RateController(LeafSystem):
@@ -51,37 +42,15 @@ class RateController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the controller of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
 
     def _update_command(self, context, discrete_state):
-        control_rates(
+        rate_law(
             discrete_state.get_mutable_value(),
             read_vector(self._wanted, context),
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
             self._parameters,
         )
-
-
-@compiled
-def control_rates(
-    command: np.ndarray,
-    wanted: np.ndarray,
-    estimate: np.ndarray,
-    speeds: np.ndarray,
-    parameters: tuple,
-) -> None:
-    """Sets the rotor speeds to command (rad/s), (n,), unless an argument is not finite.
-
-    Args:
-        command: is written.
-        wanted: see rate_law(), (4,). estimate: of a State, (14,). speeds: of the rotors, (n,).
-        parameters: RateParameters as a tuple, which is quicker to hand over.
-    """
-    if not (all_finite(wanted) and all_finite(estimate)):
-        return
-    state = as_state(estimate)
-    w = rotate(rotation_matrix(state.quaternion).T, state.angular_velocity)
-    rate_law(command, wanted, w, speeds, RateParameters(*parameters))

@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
-from airrace.math.triples import Triple, added, cross, difference, times
+from airrace.common.jit import all_finite, compilable, compiled
+from airrace.math.triples import Triple, added, cross, difference, rotate_back, rotation_rows, times
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.vehicle import Vehicle
+from airrace.vehicle.state import as_state
 
 # 1/s. With the rotors' apparent lag of 0.01 s the loop is s (0.01 s + 1) + 50: damped by 0.7.
 _RATE_GAIN = 50.0
@@ -50,46 +51,42 @@ def make_rate_parameters(vehicle: Vehicle, rate: float) -> RateParameters:
     )
 
 
-@compilable
+@compiled
 def rate_law(
     command: np.ndarray,
     wanted: np.ndarray,
-    w: np.ndarray,
+    estimate: np.ndarray,
     speeds: np.ndarray,
-    parameters: RateParameters,
+    parameters: tuple,
 ) -> None:
-    """Sets the rotor speeds to command (rad/s), (n,), for a thrust and body rates.
+    """Sets the rotor speeds to command (rad/s), (n,), unless an argument is not finite.
 
     The moment is M = J K (w_d - w) + w x J w: proportional in the error of the rates, and what
     turns the spin itself. There is no integral: an error that stays is for whoever sets the
-    rates, and nothing can wind up. Where a rotor is at its limit, set_prioritized_thrusts() says
+    rates, and nothing can wind up. Where a rotor is at its limit, set_limited_thrusts() says
     what is given up.
 
     Args:
         command: is written.
         wanted: [f, w_x, w_y, w_z]: total thrust (N) and w_d, the rates in B (rad/s), (4,).
-        w: of the body, in B (rad/s), (3,).
+        estimate: vector of a State, (14,), of which attitude and angular velocity are used.
         speeds: of the rotors, as they are (rad/s), (n,).
-        parameters: of the vehicle.
+        parameters: RateParameters as a tuple, which is quicker to hand over.
     """
-    J, k = parameters.inertia, parameters.gains
-    moment = wanted_moment(
-        (wanted[1], wanted[2], wanted[3]),
-        (w[0], w[1], w[2]),
-        (J[0], J[1], J[2]),
-        (k[0], k[1], k[2]),
-    )
+    if not (all_finite(wanted) and all_finite(estimate)):
+        return
+    p, f, state = RateParameters(*parameters), wanted[0], as_state(estimate)
+    w = rotate_back(rotation_rows(state.quaternion), state.angular_velocity)
+    moment = wanted_moment(wanted[1:], w, p.inertia, p.gains)
     # The command is a place for the thrusts until it is written: new arrays take time.
-    set_prioritized_thrusts(command, wanted[0], moment, parameters.inverse, parameters.max_thrusts)
-    set_speeds(
-        command,
-        command,
-        speeds,
-        parameters.max_thrusts,
-        parameters.thrust_coefficients,
-        parameters.max_speeds,
-        parameters.overdrive,
-    )
+    possible = True
+    for i in range(len(command)):
+        command[i] = unlimited_thrust(p.inverse[i], f, moment)
+        possible = possible and 0.0 <= command[i] <= p.max_thrusts[i]
+    if not possible:
+        set_limited_thrusts(command, f, moment, p.inverse, p.max_thrusts)
+    rotors = p.max_thrusts, p.thrust_coefficients, p.max_speeds
+    set_speeds(command, command, speeds, *rotors, p.overdrive)
 
 
 @compilable
@@ -106,43 +103,27 @@ def wanted_moment(w_d: Triple, w: Triple, inertia: Triple, gains: Triple) -> Tri
 
 @compilable
 def unlimited_thrust(row: tuple[float, float, float, float], f: float, moment: Triple) -> float:
-    """Returns what a rotor should give (N), if it has no limits; see set_prioritized_thrusts().
+    """Returns what a rotor should give (N), if it has no limits.
 
-    Args: row: of inverse. f: total thrust (N). moment: (N m).
+    Args: row: of inverse, see RateParameters. f: total thrust (N). moment: (N m).
     """
     return row[0] * f + (row[1] * moment[0] + row[2] * moment[1]) + row[3] * moment[2]
-
-
-@compilable
-def set_prioritized_thrusts(
-    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
-) -> None:
-    """Sets thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
-
-    Within the limits they are inverse @ [f, M]. Beyond, the moment about z is given up first,
-    then the thrust, and roll and pitch, which point the thrust, last: the priorities of
-    Faessler, Falanga and Scaramuzza, "Thrust mixing, saturation, and body-rate control for
-    accurate aggressive quadrotor flight" (RA-L 2017), section III. Each is scaled as little as
-    brings all rotors within their limits, which needs no iteration.
-
-    Args:
-        thrusts: are written.
-        inverse: (n, 4), whose first column is positive. limits: (N), (n,).
-    """
-    possible = True
-    for i in range(len(limits)):
-        row = (inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3])
-        thrusts[i] = unlimited_thrust(row, f, moment)
-        possible = possible and 0.0 <= thrusts[i] <= limits[i]
-    if not possible:
-        set_limited_thrusts(thrusts, f, moment, inverse, limits)
 
 
 @compiled
 def set_limited_thrusts(
     thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
 ) -> None:
-    """Does what set_prioritized_thrusts() says where some rotor is at a limit."""
+    """Sets thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
+
+    Beyond the limits, the moment about z is given up first, then the thrust, and roll and pitch,
+    which point the thrust, last: the priorities of Faessler, Falanga and Scaramuzza, "Thrust
+    mixing, saturation, and body-rate control for accurate aggressive quadrotor flight" (RA-L
+    2017), section III. Each is scaled as little as brings all rotors within their limits, which
+    needs no iteration.
+
+    Args: thrusts: are written. inverse: (n, 4), whose first column is positive. limits: (N), (n,).
+    """
     n = len(limits)
     # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust
     # at least, not to be below zero, and allows some at most.

@@ -79,9 +79,7 @@ class ReducedAttitude:
 
         With an angular velocity w along it, w x J w is the moment of the trim.
 
-        Args:
-            spin: about z (rad/s).
-            remaining: the rotors.
+        Args: spin: about z (rad/s). remaining: the rotors.
         """
         if remaining.can_hold_level or not remaining.max_thrusts.any():
             return np.array([0.0, 0.0, 1.0])

@@ -13,7 +13,6 @@ chapter 10):
 - gate_projection.py: where the corners of a marker should appear;
 - kalman_update.py: what a picture of them tells;
 - landmarks.py: gates, and how a new one enters the filter;
-- slam_state.py: what is known after a picture;
-- slam_filter.py: all of it, one picture after the other;
-- slam_map.py: the map for explorer and planner.
+- slam_state.py: what is known after a picture, and the map for explorer and planner;
+- slam_filter.py: all of it, one picture after the other.
 """

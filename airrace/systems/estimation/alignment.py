@@ -87,9 +87,7 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
 
     The drone stood level with its heading, and then its pad was tilted by the shortest rotation.
 
-    Args:
-        up: any vector upwards, in axes of B, (3,).
-        heading: (rad).
+    Args: up: any vector upwards, in axes of B, (3,). heading: (rad).
     """
     c, s = math.cos(heading), math.sin(heading)
     length = math.sqrt(dot(up, up))
@@ -122,10 +120,7 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     so its error is -J (b_a + n), where J is the derivative of the attitude by the force and n the
     mean of the noise. The length of f tells the bias along it.
 
-    Args:
-        rest: means of its samples.
-        heading: of the drone (rad).
-        noise: of the sensor.
+    Args: rest: means of its samples. heading: of the drone (rad). noise: of the sensor.
 
     Returns:
         quaternion, (4,); gyro_bias, (3,); accel_bias, (3,); and the covariance of the drone's
@@ -164,10 +159,7 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
 def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
     """Returns the means with the samples that end after a time and not after another.
 
-    Args:
-        rest: the means before.
-        history: samples, newest first, (n, 7).
-        after, until: (s).
+    Args: rest: the means before. history: samples, newest first, (n, 7). after, until: (s).
     """
     count, duration = rest.samples, rest.duration
     w, f = rest.angular_velocity.copy(), rest.specific_force.copy()

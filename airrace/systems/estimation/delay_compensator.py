@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context
 from airrace.common.jit import all_finite, compiled
 from airrace.math.small_matrices import apply
 from airrace.math.triples import added, integrate
+from airrace.systems.estimation.state_filter import FLYING
 from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.free_body import motion_of, next_motion
@@ -17,7 +18,6 @@ from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s; shorter delays are ignored
 _MOST = 0.25  # s; the model is not good enough for longer ones
-_FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
 _WHILE = 30  # commands
 
@@ -120,9 +120,7 @@ class DelayCompensator(LeafSystem):
 
         It is at most 0.25 s, for which the model is good enough.
 
-        Args:
-            delay: measured (s).
-            before: used so far (s).
+        Args: delay: measured (s). before: used so far (s).
         """
         if abs(delay - before) < _LEAST:
             return before
@@ -166,7 +164,7 @@ def _predict(estimate, speeds, commands, since, delay, model):
     c_f = model.rotors.thrust_coefficients
     motion = motion_of(state)
     turning = speeds.copy()
-    flying = np.sum(c_f * speeds * speeds) > _FLYING * model.mass * GRAVITY
+    flying = np.sum(c_f * speeds * speeds) > FLYING * model.mass * GRAVITY
     # The command in force at the time of the estimate, and those after it.
     first = int(math.floor((since - state.time) / h)) + 1
     first = min(max(first, 0), len(commands) - 1)

@@ -17,7 +17,7 @@ from airrace.common.jit import compilable, compiled
 from airrace.common.packing import Packing
 from airrace.math.quaternion import exp_quaternion, rotation_matrix, turned
 from airrace.math.small_matrices import product, skew
-from airrace.systems.estimation.navigation import Navigation, as_navigation, first_after, move
+from airrace.systems.estimation.navigation import Navigation, as_navigation, move
 from airrace.systems.sensing.imu_samples import as_sample
 
 
@@ -134,7 +134,7 @@ def propagate(
             accel_bias=noise.accel_walk**2,
         )
     )
-    for k in range(first_after(history, moved[0]), -2, -1):  # and the newest once more
+    for k in range(len(history) - 1, -2, -1):  # and the newest once more
         sample = history[max(k, 0)]
         until = min(sample[0], time) if k >= 0 else time
         dt = until - moved[0]

@@ -39,9 +39,7 @@ class Camera(NamedTuple):
 def corner_positions(gate: np.ndarray, id: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the corners of a marker in the world, and their derivatives by the gate.
 
-    Args:
-        gate: its state, (5,).
-        id: of the marker.
+    Args: gate: its state, (5,). id: of the marker.
 
     Returns:
         top left, top right, bottom right, bottom left as the marker is read, (4, 3) m; and

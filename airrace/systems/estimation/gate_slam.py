@@ -11,8 +11,7 @@ from airrace.systems.estimation.error_state import ImuNoise
 from airrace.systems.estimation.lost_estimate import drift_sigma, why_lost
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter
-from airrace.systems.estimation.slam_map import map_of
-from airrace.systems.estimation.slam_state import SlamState
+from airrace.systems.estimation.slam_state import SlamState, map_of
 from airrace.systems.estimation.strapdown_integrator import history_depth
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
@@ -39,8 +38,8 @@ class GateSlam(LeafSystem):
         - corrections
         - gate_map
         - estimate_fault
-        - estimate_drift
         - slam_state
+        - estimate_drift
 
     ``detections`` is a Detections, ``camera_info`` a CameraInfo, ``imu_history`` and
     ``imu_silence`` (s) see StrapdownIntegrator, ``rotor_speeds`` as measured (rad/s).
@@ -102,28 +101,21 @@ class GateSlam(LeafSystem):
             lambda context, output: output.set_value(self._recall(context).belief.navigation),
             ticket,
         )
-        self.DeclareAbstractOutputPort(
-            "gate_map",
-            lambda: Value[object](GateMap()),
-            lambda context, output: output.set_value(map_of(self._recall(context))),
-            ticket,
-        )
-        self.DeclareAbstractOutputPort(
-            "estimate_fault",
-            lambda: Value[object](""),
-            lambda context, output: output.set_value(self._recall(context).fault),
-            ticket,
-        )
+        for name, nothing, part in (
+            ("gate_map", GateMap(), map_of),
+            ("estimate_fault", "", lambda state: state.fault),
+            ("slam_state", SlamState(), lambda state: state),
+        ):
+            self.DeclareAbstractOutputPort(
+                name,
+                lambda nothing=nothing: Value[object](nothing),
+                lambda context, output, part=part: output.set_value(part(self._recall(context))),
+                ticket,
+            )
         self.DeclareVectorOutputPort(
             "estimate_drift",
             1,
             lambda context, output: output.SetAtIndex(0, drift_sigma(self._recall(context).belief)),
-            ticket,
-        )
-        self.DeclareAbstractOutputPort(
-            "slam_state",
-            lambda: Value[object](SlamState()),
-            lambda context, output: output.set_value(self._recall(context)),
             ticket,
         )
 

@@ -19,7 +19,7 @@ from airrace.math.small_matrices import (
     solve_lower_each,
     solve_upper,
 )
-from airrace.math.vec3 import cross
+from airrace.math.vec3 import cross, dot
 from airrace.systems.estimation.error_state import (
     AT,
     DRONE,
@@ -29,13 +29,7 @@ from airrace.systems.estimation.error_state import (
 )
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
-from airrace.systems.estimation.world_heading import (
-    E_Z,
-    carried_covariance,
-    carried_over,
-    heading_gradient,
-    turn_of_the_world,
-)
+from airrace.systems.estimation.world_heading import E_Z, carried_covariance, turn_of_the_world
 from airrace.systems.mapping.gate_filter import AT_GATE, as_gate
 
 # Errors that pictures share, and that their noise does not show: px, of a coordinate of a corner up
@@ -126,12 +120,6 @@ def _linearized(state, gate, measurement, camera):
     return residual, H, variances, nearest
 
 
-@compilable
-def _columns(gate):
-    """Returns where the errors are that a gate's picture depends on, (11,)."""
-    return np.concatenate((np.arange(POSE), DRONE + GATE * gate + np.arange(GATE)))
-
-
 @compiled
 def updated(
     belief: Belief, measurement: GateMeasurement, camera: Camera, inflation: float, iterations: int
@@ -155,7 +143,8 @@ def updated(
         iterations: at least 1.
     """
     state, gates = as_navigation(belief.navigation.copy()), belief.gates.copy()
-    P, columns = belief.covariance.copy(), _columns(measurement.gate)
+    P = belief.covariance.copy()
+    columns = np.append(np.arange(POSE), DRONE + GATE * measurement.gate + np.arange(GATE))
     e = np.zeros((len(P), 1))
     PHt, L, squared, cost = np.zeros((len(P), 0)), np.zeros((0, 0)), 0.0, np.inf
     for iteration in range(iterations):
@@ -163,7 +152,8 @@ def updated(
             state, gates[measurement.gate], measurement, camera
         )
         if not nearest > 0.0:
-            return _unchanged(belief), Innovation(np.inf, np.inf)
+            cost = np.inf
+            break
         PHt = product(P[:, columns], H.T)
         L = cholesky(product(H, PHt[columns]) + np.diag(inflation * variances))
         y = solve_lower(L, affine(H, e[columns, 0], innovation))
@@ -172,25 +162,20 @@ def updated(
             squared = cost
         step = affine(PHt, solve_upper(L, y), -e[:, 0])
         e[:, 0] += step
-        w, n = heading_gradient(state), turn_of_the_world(state, gates)
+        w, n = rotation_matrix(state.quaternion)[2], turn_of_the_world(state, gates)
         state, gates = corrected(state, step), _corrected_gates(gates, step)
         change = turn_of_the_world(state, gates) - n
-        e, PHt = carried_over(e, change, w), carried_over(PHt, change, w)
+        e, PHt = e + np.outer(change, dot(w, e)), PHt + np.outer(change, dot(w, PHt))
         P = carried_covariance(P, change, w)
         if np.max(np.abs(step)) < 1e-6:
             break
     if not math.isfinite(cost):
-        return _unchanged(belief), Innovation(np.inf, np.inf)
+        unchanged = Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
+        return unchanged, Innovation(np.inf, np.inf)
     after = reduced(P, solve_lower_each(L, PHt))
     return Belief(navigation_vector(state), gates, after), Innovation(squared, cost)
 
 
-@compilable
-def _unchanged(belief):
-    return Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
-
-
-@compiled
 def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Belief:
     """Returns the belief that the spacing of a gate (by index) is a value with a sigma (m)."""
     index = DRONE + GATE * gate + AT_GATE.spacing
@@ -201,7 +186,7 @@ def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Bel
     state, gates = corrected(before, error), _corrected_gates(belief.gates, error)
     change = turn_of_the_world(state, gates) - turn_of_the_world(before, belief.gates)
     after = mirrored(P - np.outer(scale * column, column))
-    after = carried_covariance(after, change, heading_gradient(before))
+    after = carried_covariance(after, change, body_axes(belief)[2])
     return Belief(navigation_vector(state), gates, after)
 
 
@@ -215,8 +200,9 @@ def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
         dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
     state = as_navigation(belief.navigation)
-    w, offset = heading_gradient(state), as_gate(belief.gates[gate]).p_WG - state.position
-    columns = _columns(gate)
+    w = rotation_matrix(state.quaternion)[2]
+    offset = as_gate(belief.gates[gate]).p_WG - state.position
+    columns = np.append(np.arange(POSE), DRONE + GATE * gate + np.arange(GATE))
     J = np.zeros((GATE, ACTIVE))
     J[:, POSE:] = np.eye(GATE)
     J[AT_GATE.p_WG, AT.position] = -np.eye(3)

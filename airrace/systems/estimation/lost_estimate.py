@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from airrace.common.jit import all_finite, compiled
 from airrace.systems.estimation.error_state import as_drone_error
 from airrace.systems.estimation.kalman_update import Belief, relative_covariance
 from airrace.systems.estimation.slam_state import SlamState
@@ -54,17 +53,18 @@ def drift_sigma(belief: Belief) -> float:
     return float(_worst_sigmas(belief)[0])
 
 
-@compiled
 def _worst_sigmas(belief):
     """Returns drift_sigma(), and those of velocity (m/s) and attitude (rad), (3,).
 
     They are NaN if anything in the belief is not finite.
     """
     P = belief.covariance
-    if not (all_finite(belief.navigation) and all_finite(P.ravel())):
+    if not (np.isfinite(belief.navigation).all() and np.isfinite(P).all()):
         return np.full(3, np.nan)
     variances = as_drone_error(np.diag(P))
-    position = np.max(variances.position) if len(belief.gates) == 0 else np.inf
-    for gate in range(len(belief.gates)):
-        position = min(position, np.max(as_gate(np.diag(relative_covariance(belief, gate))).p_WG))
-    return np.sqrt(np.array((position, np.max(variances.velocity), np.max(variances.theta))))
+    to_gates = (
+        as_gate(np.diag(relative_covariance(belief, gate))).p_WG.max()
+        for gate in range(len(belief.gates))
+    )
+    position = min(to_gates, default=variances.position.max())
+    return np.sqrt([position, variances.velocity.max(), variances.theta.max()])

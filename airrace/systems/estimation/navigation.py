@@ -64,20 +64,6 @@ def move(vector: np.ndarray, sample: np.ndarray, dt: float) -> None:
     assign(v, v_after)
 
 
-@compilable
-def first_after(history: np.ndarray, time: float) -> int:
-    """Returns the index of the oldest sample that ends after a time, -1 if there is none.
-
-    Args:
-        history: samples, newest first, (n, 7); where there is none, the time is negative.
-        time: (s).
-    """
-    k = -1
-    while k + 1 < len(history) and history[k + 1, 0] > time and history[k + 1, 0] > 0.0:
-        k += 1
-    return k
-
-
 @compiled
 def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
     """Returns a nominal state, (17,), carried forward to a time (s) by the samples since.
@@ -87,14 +73,14 @@ def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarr
 
     Args:
         vector: the state before.
-        history: samples, newest first, (n, 7).
+        history: samples, newest first, (n, 7); where there is none, the time is negative.
         time: (s).
     """
     result = vector.copy()
-    for k in range(first_after(history, result[0]), -1, -1):
-        dt = min(history[k, 0], time) - result[0]
-        if dt > 0.0:
-            move(result, history[k], dt)
+    for sample in history[::-1]:
+        dt = min(sample[0], time) - result[0]
+        if dt > 0.0 and sample[0] > 0.0:
+            move(result, sample, dt)
     if time > result[0] and history[0, 0] > 0.0:
         move(result, history[0], time - result[0])
     return result

@@ -32,10 +32,11 @@ from airrace.systems.mapping.gate_filter import (
     as_gate,
     gate_vector,
     has_spacing_of_rules,
+    least_observed,
 )
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
-from airrace.systems.perception.marker_pose import GATE_SPACING
+from airrace.systems.perception.marker_pose import GATE_SPACING, intrinsics
 from airrace.systems.types import Detection, Detections
 from airrace.track import PYLON_BASE_RADIUS
 from airrace.vehicle.camera_info import CameraInfo
@@ -98,8 +99,7 @@ class SlamFilter:
         @functools.lru_cache(maxsize=1)  # it is the same for a whole race
         def camera(info):
             R_CB = np.ascontiguousarray(info.X_BC.rotation().matrix().T)
-            intrinsics = np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
-            return Camera(intrinsics, R_CB, info.X_BC.translation() - p_BI)
+            return Camera(intrinsics(info), R_CB, info.X_BC.translation() - p_BI)
 
         self._camera = camera
 
@@ -240,13 +240,9 @@ class SlamFilter:
             landmark = dc.replace(landmark, has_spacing=True)
         if landmark.is_known:
             return belief, landmark
-        left, right = (
-            sum(count for id, count in landmark.counts.items() if id & 2 == pylon)
-            for pylon in (0, 2)
-        )
         relative = GateFilter(belief.gates[index], relative_covariance(belief, index), 0.0)
         is_known = (
-            min(left, right) >= self._config.min_observations
+            least_observed(landmark.counts) >= self._config.min_observations
             and relative.spacing > 2 * PYLON_BASE_RADIUS
             and relative.is_certain(_KNOWN_SIGMA)
         )

@@ -1,7 +1,7 @@
 """A Kalman filter of the state, for the controller, that also estimates disturbances."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
@@ -11,25 +11,21 @@ from airrace.common.packing import Packing
 from airrace.math.quaternion import integrate
 from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
 
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
-
 # What the filter is tuned for; the first two are the original system's noise.
 _POSITION_SIGMA = 0.005  # m
 _VELOCITY_SIGMA = 0.3  # m/s, 3 % of 10 m/s
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
 _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
-_MAX_DISTURBANCE = 8.0  # m/s^2
+MAX_DISTURBANCE = 8.0  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
-_FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
+FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
 
 class FilterMemory(NamedTuple):
@@ -103,7 +99,7 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the filter of a scenario."""
         return cls(
             vehicle=load_vehicle(scenario.drone)[0],
@@ -161,11 +157,23 @@ class UnfilteredState(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self.DeclareDiscreteState(3))
 
 
-def make_state_filter(scenario: "Scenario") -> StateFilter | UnfilteredState:
+def make_state_filter(scenario: Scenario) -> StateFilter | UnfilteredState:
     """Returns the filter of a scenario, or what takes its place."""
     return (
         StateFilter.from_scenario(scenario) if scenario.state_filter.enabled else UnfilteredState()
     )
+
+
+@compilable
+def specific_thrust(thrust_per_mass: np.ndarray, speeds: np.ndarray) -> float:
+    """Returns the rotors' thrust by the mass (m/s^2); a rotor without a speed has none.
+
+    Args: thrust_per_mass: of each rotor, per squared speed (m), (n,). speeds: (rad/s), (n,).
+    """
+    total = 0.0
+    for c, speed in zip(thrust_per_mass, speeds):
+        total += c * speed * speed if math.isfinite(speed) else 0.0
+    return total
 
 
 @compilable
@@ -178,9 +186,7 @@ def _predict(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns position and velocity at a time (s), at constant acceleration.
 
-    Args:
-        quaternion: of R_WB, (4,).
-        thrust: per mass (m/s^2). disturbance: see StateFilter.
+    Args: quaternion: of R_WB, (4,). thrust: per mass (m/s^2). disturbance: see StateFilter.
     """
     a = linear_acceleration(rotation_rows(quaternion), (0.0, 0.0, thrust), disturbance)
     p, v = at_constant_acceleration(memory.position, memory.velocity, a, time - memory.time)
@@ -209,17 +215,14 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
         memory: vector of a FilterMemory, (9,); changed.
         disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
-        speeds: of the rotors (rad/s), (n,); those that are not finite do not count.
-        thrust_per_mass: of each rotor, per squared speed (m), (n,).
+        speeds, thrust_per_mass: see specific_thrust().
         gain: see kalman_gain().
         now: (s).
     """
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
         return  # the prediction goes on from the last that was
-    thrust = 0.0
-    for c, speed in zip(thrust_per_mass, speeds):
-        thrust += c * speed * speed if math.isfinite(speed) else 0.0
+    thrust = specific_thrust(thrust_per_mass, speeds)
     time, p, v = state.time, state.position.copy(), state.velocity.copy()
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
@@ -229,10 +232,10 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
         if is_new:
             e_p, e_v = state.position - p, state.velocity - v
             p, v = p + gain[0, 0] * e_p + gain[0, 1] * e_v, v + gain[1, 0] * e_p + gain[1, 1] * e_v
-            if thrust >= _FLYING * GRAVITY:
+            if thrust >= FLYING * GRAVITY:
                 disturbance += gain[2, 0] * e_p + gain[2, 1] * e_v
             length = math.sqrt(dot(disturbance, disturbance))
-            disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
+            disturbance *= min(1.0, MAX_DISTURBANCE / max(length, 1e-9))
     predicted_to = time if is_new or begins else now
     numbers = np.array((predicted_to, max(time, m.newest), thrust))
     assign(memory, np.concatenate((numbers, p, v)))
@@ -243,8 +246,7 @@ def kalman_gain(dt: float) -> np.ndarray:
 
     Its rows correct position, velocity and disturbance.
 
-    Args:
-        dt: between two estimates (s).
+    Args: dt: between two estimates (s).
     """
     A = np.array([[1.0, dt, dt * dt / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     # Of white noise all through dt; if held over dt, Q would be singular, and

@@ -16,6 +16,7 @@ from airrace.systems.estimation.navigation import (
     remember,
     write_state,
 )
+from airrace.systems.estimation.state_filter import FLYING, MAX_DISTURBANCE, specific_thrust
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import (
@@ -30,10 +31,8 @@ from airrace.vehicle.free_body import angular_acceleration
 from airrace.vehicle.state import STATE_SIZE
 
 _TIME_CONSTANT = 0.15  # s, of the disturbance
-_MAX_DISTURBANCE = 8.0  # m/s^2
 _SILENT = 0.03  # s without a sample; over a link, they come five at a time
 _FORGET = 0.99  # of the age of samples, at each
-_FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
 _AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
@@ -108,6 +107,7 @@ class StrapdownIntegrator(LeafSystem):
             np.array(ranges, float),
             1.0 / rate,
             _SILENT + link_delay,
+            vehicle.thrust_coefficients / vehicle.mass,
             vehicle.allocation * vehicle.thrust_coefficients,
             np.array([vehicle.mass, *vehicle.inertia]),
         )
@@ -170,6 +170,7 @@ class _Model(NamedTuple):
         ranges: of its angular velocity (rad/s) and specific force (m/s^2), (6,).
         period: of its samples (s).
         silent: time without a sample that is too long (s).
+        thrust_per_mass: see specific_thrust(), (r,).
         wrench_by_squares: matrix from the rotors' squared speeds to [T, Mx, My, Mz], (4, r).
         inertia: mass (kg) and moments of inertia (kg m^2), (4,).
     """
@@ -178,6 +179,7 @@ class _Model(NamedTuple):
     ranges: np.ndarray
     period: float
     silent: float
+    thrust_per_mass: np.ndarray
     wrench_by_squares: np.ndarray
     inertia: np.ndarray
 
@@ -242,8 +244,8 @@ def _step(vector, disturbance, samples, corrections, speeds, now, model):
     memory, constants = _as_memory(vector), _Model(*model)
     history, heard, last = memory.history, memory.heard, memory.history[0, 0]
     samples = samples.reshape((-1, SAMPLE_SIZE))
-    thrust, count = _thrust_per_mass(speeds, constants), 0
-    if not _is_stuck(samples, thrust, _bridges(memory)):
+    thrust, count = specific_thrust(constants.thrust_per_mass, speeds), 0
+    if not _is_stuck(samples, thrust, last > heard[0]):
         count = remember(history, samples, constants.ranges)
     if count > 0:
         heard[0] = history[0, 0]
@@ -263,7 +265,9 @@ def _carry_forward(result, vector, samples, speeds, time, model):
     samples = samples.reshape((-1, SAMPLE_SIZE))
     assign(result, memory.estimate)
     recent = memory.history[: len(samples)].copy()
-    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), _bridges(memory)):
+    thrust = specific_thrust(constants.thrust_per_mass, speeds)
+    bridges = memory.history[0, 0] > memory.heard[0]
+    if not _is_stuck(samples, thrust, bridges):
         remember(recent, samples, constants.ranges)
     if memory.navigation[0] >= 0.0 and recent[0, 0] > 0.0:
         state = as_navigation(carried_to(memory.navigation, recent, time))
@@ -272,28 +276,13 @@ def _carry_forward(result, vector, samples, speeds, time, model):
 
 
 @compilable
-def _thrust_per_mass(speeds, constants):
-    """Returns the rotors' thrust by the mass (m/s^2); a rotor without a speed has none."""
-    total = 0.0
-    for c, speed in zip(constants.wrench_by_squares[0], speeds):
-        total += c / constants.inertia[0] * speed * speed if math.isfinite(speed) else 0.0
-    return total
-
-
-@compilable
-def _bridges(memory):
-    """Whether the newest sample was made up, because the sensor is silent."""
-    return memory.history[0, 0] > memory.heard[0]
-
-
-@compilable
 def _is_stuck(samples, thrust, bridges):
     """Whether a sensor in flight shows the same again and again, to the last bit.
 
-    With little thrust, by mass (m/s^2), the drone may stand; but not while samples are made up
-    (``bridges``).
+    With little thrust, by mass (m/s^2), the drone may stand; but not while it ``bridges``: then the
+    newest sample was made up, because the sensor is silent.
     """
-    if not bridges and thrust < _FLYING * GRAVITY:
+    if not bridges and thrust < FLYING * GRAVITY:
         return False
     for sample in samples[1:]:
         if sample[0] <= 0.0 or np.any(sample[1:] != samples[0, 1:]):
@@ -313,8 +302,7 @@ def _replace_silence(memory, count, now, speeds, constants):
     What is made up is as old as the sensor's samples are when they come, so that its next one is
     newer. ``count`` samples are new; for the rest see _step().
 
-    Returns:
-        how many samples are new; none are written before anything is known, and on the ground.
+    Returns: how many samples are new; none are written before anything is known, and on the ground.
     """
     history, heard, expected = memory.history, memory.heard[0], memory.expected
     state = as_navigation(memory.navigation)
@@ -329,7 +317,7 @@ def _replace_silence(memory, count, now, speeds, constants):
     turning = angular_acceleration(wrench[1:], expected, J)
     assign(expected, added(expected, constants.period, turning))
     # Once it has begun it goes on, with however little thrust.
-    flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass
+    flies = history[0, 0] > heard or wrench[0] > FLYING * GRAVITY * mass
     time = now - memory.age[0]
     if not flies or not now - heard > constants.silent or not time > history[0, 0]:
         return 0
@@ -367,7 +355,7 @@ def _smooth(disturbance, last, memory, thrust, p_BI):
     Args: see _step(); the time of that sample (s), and the rotors' thrust by mass (m/s^2).
     """
     history, state = memory.history, as_navigation(memory.navigation)
-    if not state.time >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
+    if not state.time >= 0.0 or last < 0.0 or thrust < FLYING * GRAVITY:
         return
     R_WB = rotation_rows(state.quaternion)
     for sample in history[::-1]:
@@ -382,4 +370,4 @@ def _smooth(disturbance, last, memory, thrust, p_BI):
         share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
         assign(disturbance, added(disturbance, share, difference(unexplained, disturbance)))
     length = math.sqrt(dot(disturbance, disturbance))
-    assign(disturbance, scaled(min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)), disturbance))
+    assign(disturbance, scaled(min(1.0, MAX_DISTURBANCE / max(length, 1e-9)), disturbance))

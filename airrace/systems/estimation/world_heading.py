@@ -13,9 +13,10 @@ update carries errors over, by
 
     G = I + (n+ - n) w^T,   w^T n = 1,
 
-where w^T e is the error of the drone's heading: G takes a turn of the world before the update to
-the same turn after it. In an invariant filter (Barrau and Bonnabel, "An EKF-SLAM algorithm with
-consistency properties", 2015) the choice of the errors does that.
+where w^T e is the error of the drone's heading, by w = R^T e_z and the theta of e: G takes a turn
+of the world before the update to the same turn after it. In an invariant filter (Barrau and
+Bonnabel, "An EKF-SLAM algorithm with consistency properties", 2015) the choice of the errors does
+that.
 """
 
 import numpy as np
@@ -33,21 +34,13 @@ E_Z = np.array((0.0, 0.0, 1.0))
 
 
 @compilable
-def heading_gradient(state: Navigation) -> np.ndarray:
-    """Returns w = R^T e_z, (3,): the error of the heading is w^T theta."""
-    return rotation_matrix(state.quaternion)[2]
-
-
-@compilable
 def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
     """Returns n, (15 + 5 k,): the errors that a turn of the world by 1 rad makes.
 
-    Args:
-        state: of the drone.
-        gates: nominal states of k gates, (k, 5).
+    Args: state: of the drone. gates: nominal states of k gates, (k, 5).
     """
     n = np.zeros(DRONE + GATE * len(gates))
-    n[AT.theta] = heading_gradient(state)
+    n[AT.theta] = rotation_matrix(state.quaternion)[2]
     n[AT.position], n[AT.velocity] = cross(E_Z, state.position), cross(E_Z, state.velocity)
     for gate, of_gate in zip(gates, n[DRONE:].reshape(gates.shape)):
         of_gate[AT_GATE.p_WG] = cross(E_Z, as_gate(gate).p_WG)
@@ -56,20 +49,11 @@ def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
 
 
 @compilable
-def carried_over(errors: np.ndarray, change: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Returns columns of errors, (15 + 5 k, m), multiplied by G from the left.
-
-    Args:
-        errors: before.
-        change: n+ - n, (15 + 5 k,).
-        w: see heading_gradient(), before, (3,).
-    """
-    return errors + np.outer(change, dot(w, errors))
-
-
-@compilable
 def carried_covariance(P: np.ndarray, change: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Returns the covariance G P G^T, (15 + 5 k, 15 + 5 k); see carried_over()."""
+    """Returns the covariance G P G^T, (15 + 5 k, 15 + 5 k).
+
+    Args: P: before. change: n+ - n, (15 + 5 k,). w: R^T e_z before, (3,).
+    """
     Pw = dot(P.T, w)
     variance = dot(w, Pw)
     return mirrored(

@@ -65,10 +65,7 @@ def is_clear(
 def gate_crossings(times: np.ndarray, p: np.ndarray, gates: Iterable[GateEstimate]) -> list:
     """Returns when a path crosses gates, below the tips of their pylons.
 
-    Args:
-        times: (n,) s.
-        p: positions at those times, (3, n) m.
-        gates: GateEstimates.
+    Args: times: (n,) s. p: positions at those times, (3, n) m. gates: GateEstimates.
 
     Returns:
         (time, number, forward) in order: when (s), which gate, and whether in the
@@ -120,8 +117,7 @@ def routes_through(
         approach: distance before the last gate from which it is flown through (m).
         beyond: distance beyond a gate at which a route may end (m).
 
-    Returns:
-        lists of waypoints x, y, z and yaw, each ending beyond the last gate.
+    Returns: lists of waypoints x, y, z and yaw, each ending beyond the last gate.
     """
     *before, new = gates
     aside = approach * np.array([new.forward[1], -new.forward[0], 0.0, 0.0])

@@ -35,9 +35,7 @@ def tilt(estimate: np.ndarray) -> float:
 def fault_on_pad(estimate: np.ndarray, max_tilt_deg: float) -> str | None:
     """Returns why a drone on its pad must not take off, None if it may.
 
-    Args:
-        estimate: vector of vehicle/state.py, (14,).
-        max_tilt_deg: that is accepted (degrees).
+    Args: estimate: vector of vehicle/state.py, (14,). max_tilt_deg: that is accepted (degrees).
     """
     tilt_deg = np.rad2deg(tilt(estimate))
     if tilt_deg > max_tilt_deg:
@@ -130,12 +128,9 @@ def _is_ahead(gate: GateEstimate, following: GateEstimate) -> bool:
 def presumed_gate(gate_map: GateMap, number: int) -> GateEstimate | None:
     """Returns where a gate is presumed to be by the best known of its boards alone.
 
-    Args:
-        gate_map: with any of its four boards, or none.
-        number: of the gate.
+    Args: gate_map: with any of its four boards, or none. number: of the gate.
 
-    Returns:
-        None if no board of it was observed often enough.
+    Returns: None if no board of it was observed often enough.
     """
     seen = [m for m in gate_map.markers if m.id // 4 == number and m.count >= _LEAST_OBSERVATIONS]
     if not seen:

@@ -1,10 +1,11 @@
 """Finds the gates of an unknown track."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, EventStatus
 
+from airrace.scenario import ExplorerConfig, Scenario
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
@@ -16,11 +17,6 @@ from airrace.trajopt.flat_trajectory import idle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import ExplorerConfig, Scenario
 
 
 class Explorer(LeafSystem):
@@ -77,7 +73,7 @@ class Explorer(LeafSystem):
     def __init__(
         self,
         *,
-        config: "ExplorerConfig",
+        config: ExplorerConfig,
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
@@ -124,7 +120,7 @@ class Explorer(LeafSystem):
         )
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario", drifts: bool = False) -> "Self":
+    def from_scenario(cls, scenario: Scenario, drifts: bool = False) -> Self:
         """Returns the explorer of a scenario; drifts: see the constructor."""
         return cls(
             config=scenario.explorer,

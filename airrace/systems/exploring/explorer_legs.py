@@ -1,10 +1,10 @@
 """Plans the explorer's legs, and checks them as the map grows."""
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import clear_paths
 from airrace.systems.exploring.exploration import gate_pose
 from airrace.systems.exploring.explorer_memory import Situation
@@ -12,9 +12,6 @@ from airrace.track.gate_map import GateEstimate
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.leg import plan_leg
-
-if TYPE_CHECKING:
-    from airrace.scenario import ExplorerConfig
 
 _SLOW = 1.0  # m/s
 _NEAR = 18.0  # m, before a gate: both its markers are in the picture, and seen exactly
@@ -27,7 +24,7 @@ class LegPlanner:
     All legs continue the motion of the present one, and are None if no route is clear.
     """
 
-    def __init__(self, *, config: "ExplorerConfig", clearance: float):
+    def __init__(self, *, config: ExplorerConfig, clearance: float):
         """Args: config: an ExplorerConfig. clearance: from pylons' axes (m)."""
         self._config = config
         self._clearance = clearance

@@ -9,22 +9,18 @@ every state if the estimate is of no use any more.
 
 import dataclasses as dc
 import itertools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_legs import LegPlanner
 from airrace.systems.exploring.explorer_memory import Memory, Situation
-from airrace.systems.exploring.landing import Landing
 from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps, step_back
 from airrace.systems.types import LAND
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.stop import Stop
+from airrace.trajopt.stop import Landing, Stop
 from airrace.vehicle.state import as_state
-
-if TYPE_CHECKING:
-    from airrace.scenario import ExplorerConfig
 
 _PERIOD = 0.2  # s, between two checks of a leg, or two attempts to plan one
 _AT_GATE = 0.8  # s, before a gate is passed
@@ -44,7 +40,7 @@ class StateMachine:
     def __init__(
         self,
         *,
-        config: "ExplorerConfig",
+        config: ExplorerConfig,
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,

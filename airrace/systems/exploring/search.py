@@ -8,11 +8,12 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from airrace.math.angles import wrap_angle
+from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, route_above_pylons
 from airrace.systems.exploring.exploration import describe_observation, gate_pose, presumed_gate
 from airrace.systems.exploring.explorer_memory import Situation
@@ -20,9 +21,6 @@ from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate
 from airrace.track.rules import FARTHEST_VIEW, LENGTHS, TURN
-
-if TYPE_CHECKING:
-    from airrace.scenario import ExplorerConfig
 
 _ON_THE_SPOT = 2.0  # m
 _IN_VIEW = math.radians(20.0)  # of the heading
@@ -92,7 +90,7 @@ _FROM_ABOVE = [(0, 0.2), (0, 0.4), (0, 0.6), (0, 0.8), (0, 1.0)]
 _FROM_ABOVE += [(50, 0.4), (50, 0.8), (-50, 0.4), (-50, 0.8), (110, 0.4), (-110, 0.4), (180, 0.4)]
 
 
-def _reach(config: "ExplorerConfig") -> float:
+def _reach(config: ExplorerConfig) -> float:
     """Returns how far beyond a base the next gate may be (m)."""
     return max(_LONGEST_LEG - config.passing_distance, 0.0)
 
@@ -116,7 +114,7 @@ def _straight_on(reach: float, step_length: float, *looks: float) -> tuple[_Move
     return tuple(moves)
 
 
-def _search_ahead(now: Situation, config: "ExplorerConfig") -> tuple[_Move, ...]:
+def _search_ahead(now: Situation, config: ExplorerConfig) -> tuple[_Move, ...]:
     """Returns the moves of a search before the drone is lost."""
     if now.last is None:
         # By the rules, gate 1 is so near that it can be read from the start.
@@ -145,15 +143,13 @@ def _search_when_lost(reach: float) -> tuple[_Move, ...]:
     return tuple(moves)
 
 
-def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
+def next_steps(now: Situation, config: ExplorerConfig) -> Iterator[Step]:
     """Yields steps of the search, the best first; not all may be free to take.
 
     If a board of the gate was observed, steps around it come first. Then come the steps
     of the paper, and then those that find a gate that the original would not.
 
-    Args:
-        now: what is known.
-        config: an ExplorerConfig.
+    Args: now: what is known. config: an ExplorerConfig.
     """
     gate = presumed_gate(now.gate_map, now.next_number)
     around, on = _steps_around_gate(now, config, gate), _steps_on(now, config)
@@ -166,15 +162,13 @@ def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     yield from on
 
 
-def step_back(now: Situation, config: "ExplorerConfig") -> Step | None:
+def step_back(now: Situation, config: ExplorerConfig) -> Step | None:
     """Returns the step by which the nearest known gate can be read; None if it is done.
 
     First it turns to the gate, and then it flies to where the gate is seen best. Both of its sides
     carry markers, so that is on the drone's side of it.
 
-    Args:
-        now: what is known.
-        config: an ExplorerConfig.
+    Args: now: what is known. config: an ExplorerConfig.
     """
     here = now.memory.goal
     distance = {n: np.linalg.norm(gate.p_WG - here[:3]) for n, gate in now.gates.items()}
@@ -197,22 +191,22 @@ def step_back(now: Situation, config: "ExplorerConfig") -> Step | None:
     return Step("LOOK_BACK", reason, routes, now.memory.steps, now.memory.steps_around)
 
 
-def is_lost(now: Situation, config: "ExplorerConfig") -> bool:
+def is_lost(now: Situation, config: ExplorerConfig) -> bool:
     """Whether the search ahead was in vain, and the drone went back."""
     return now.memory.steps > len(_search_ahead(now, config))
 
 
-def is_far(now: Situation, gate: GateEstimate, config: "ExplorerConfig") -> bool:
+def is_far(now: Situation, gate: GateEstimate, config: ExplorerConfig) -> bool:
     """Whether a gate is farther away than where both its markers should be in view."""
     return np.linalg.norm(now.memory.goal[:3] - gate.p_WG) > config.side_distance
 
 
-def leads_to(goal: np.ndarray, gate: GateEstimate, config: "ExplorerConfig") -> bool:
+def leads_to(goal: np.ndarray, gate: GateEstimate, config: ExplorerConfig) -> bool:
     """Whether a step to x, y, z, yaw ends too near to a gate that is not yet in the map."""
     return (goal[:3] - gate.p_WG) @ gate.forward > -config.approach_distance
 
 
-def _steps_on(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
+def _steps_on(now: Situation, config: ExplorerConfig) -> Iterator[Step]:
     memory = now.memory
     base = memory.home if now.last is None else gate_pose(now.last, config.passing_distance)
     ahead, when_lost = _search_ahead(now, config), _search_when_lost(_reach(config))
@@ -228,7 +222,7 @@ def _steps_on(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
 
 
 def _steps_around_gate(
-    now: Situation, config: "ExplorerConfig", gate: GateEstimate | None
+    now: Situation, config: ExplorerConfig, gate: GateEstimate | None
 ) -> Iterator[Step]:
     if gate is None:
         return
@@ -239,7 +233,7 @@ def _steps_around_gate(
         yield Step("STEP_AROUND", reason, routes, now.memory.steps, k + 1)
 
 
-def _poses_in_front(gate: GateEstimate, config: "ExplorerConfig") -> list:
+def _poses_in_front(gate: GateEstimate, config: ExplorerConfig) -> list:
     """Returns poses from which both front markers of a gate should be in view."""
     # From the boards, not from the axes of their pylons.
     far, side = config.side_distance + BOARD_OFFSET, config.side_offset

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
+from airrace.common.packing import Packing
 from airrace.math.quaternion import heading
 from airrace.systems.leaf_system import LeafSystem
 from airrace.trajopt.reference import REFERENCE_SIZE
@@ -19,37 +20,37 @@ _NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
 
 class WatchdogMemory(NamedTuple):
-    """What the watchdog remembers, as a vector of numbers.
+    """What the watchdog remembers.
 
     Attributes:
         mode: FOLLOW, HOLD, HOVER or LAND.
         last: when the newest command was sent (s).
         since: when the drone was last under command (s).
         landing: when the descent began (s).
-        x, y, z, yaw: its pose then (m, rad). vx, vy, vz: its velocity then (m/s).
+        yaw: its heading then (rad). position: p_WB then (m), (3,). velocity: v_WB then (m/s), (3,).
         pad: height at which it stood at the start (m).
         airborne: whether it has taken off.
         oldest: age of the oldest command that was in force (s).
         holds, hovers, landings: how often each began.
     """
 
-    mode: float = FOLLOW
-    last: float = 0.0
-    since: float = 0.0
-    landing: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    yaw: float = 0.0
-    vx: float = 0.0
-    vy: float = 0.0
-    vz: float = 0.0
-    pad: float = math.nan
-    airborne: float = 0.0
-    oldest: float = 0.0
-    holds: float = 0.0
-    hovers: float = 0.0
-    landings: float = 0.0
+    mode: float
+    last: float
+    since: float
+    landing: float
+    yaw: float
+    position: np.ndarray
+    velocity: np.ndarray
+    pad: float
+    airborne: float
+    oldest: float
+    holds: float
+    hovers: float
+    landings: float
+
+
+_PACKING = Packing(WatchdogMemory, position=3, velocity=3)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class CommandWatchdog(LeafSystem):
@@ -84,7 +85,9 @@ class CommandWatchdog(LeafSystem):
         self._time = self.DeclareVectorInputPort("rotor_speed_command_time", 1)
         self._own = self.DeclareVectorInputPort("own_command", rotors)
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
-        self._memory = self.DeclareDiscreteState(np.array(WatchdogMemory()))
+        self._memory = self.DeclareDiscreteState(
+            _memory_vector(_as_memory(np.zeros(_PACKING.size))._replace(mode=FOLLOW, pad=math.nan))
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._watch)
         self.DeclareVectorOutputPort(
             "rotor_speed_command",
@@ -101,7 +104,7 @@ class CommandWatchdog(LeafSystem):
 
     def recall(self, context: Context) -> WatchdogMemory:
         """Returns what it remembers."""
-        return WatchdogMemory(*context.get_discrete_state(self._memory).value().tolist())
+        return _as_memory(context.get_discrete_state(self._memory).value())
 
     def _watch(self, context, discrete_state):
         m, now = self.recall(context), context.get_time()
@@ -116,9 +119,8 @@ class CommandWatchdog(LeafSystem):
             mode = LAND
         before = m.mode
         if mode >= HOLD and before < HOVER:
-            (x, y, z), (vx, vy, vz) = state.position, state.velocity
             yaw = heading(state.quaternion)
-            m = m._replace(since=now, x=x, y=y, z=z, yaw=yaw, vx=vx, vy=vy, vz=vz)
+            m = m._replace(since=now, yaw=yaw, position=state.position, velocity=state.velocity)
         m = m._replace(
             mode=mode,
             last=last,
@@ -130,7 +132,7 @@ class CommandWatchdog(LeafSystem):
             hovers=m.hovers + (mode >= HOVER and before < HOVER),
             landings=m.landings + (mode == LAND and before < LAND),
         )
-        discrete_state.set_value(self._memory, np.array(m))
+        discrete_state.set_value(self._memory, _memory_vector(m))
 
     def _calc_command(self, context, output):
         source = self._own if self.recall(context).mode >= HOVER else self._command
@@ -141,7 +143,6 @@ class CommandWatchdog(LeafSystem):
         if m.mode == FOLLOW:
             output.set_value(_NOTHING)
             return
-        position, velocity = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
-        stop = Stop(position, m.yaw, velocity, bool(m.airborne))
+        stop = Stop(m.position, m.yaw, m.velocity, bool(m.airborne))
         sinking = now - m.landing if m.mode == LAND else None
         output.set_value(stop.reference(now - m.since, sinking))

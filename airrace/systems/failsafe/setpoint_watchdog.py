@@ -130,9 +130,7 @@ def _place(watch: Watch, seconds: float) -> np.ndarray:
 def _next_phase(phase: int, low: bool, seconds: float) -> int:
     """Returns what to do when nobody sends.
 
-    Args:
-        phase: what it does. seconds: for how long it has.
-        low: whether it stands.
+    Args: phase: what it does. seconds: for how long it has. low: whether it stands.
     """
     if low or phase == OFF:
         return OFF

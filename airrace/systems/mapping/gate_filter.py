@@ -94,18 +94,27 @@ class GateFilter(Immutable):
         return float(as_gate(np.diag(self.covariance)).heading)
 
     def squared_distance(self, observation: Observation) -> float:
-        """Returns the squared Mahalanobis distance of an observation."""
-        return _squared_distance(self.state, self.covariance, observation)
+        """Returns the squared Mahalanobis distance of an observation, nu^T S^-1 nu."""
+        p_WM, H = board_position(self.state, observation.id)
+        S = propagated(H, self.covariance) + observation.covariance
+        return _normalized_square(observation.p_WM - p_WM, S)
 
     def updated(self, observation: Observation, weight: float) -> "GateFilter":
         """Returns the estimate with one more observation.
+
+        The measurement update of the extended information filter, with w for the weight,
+            P+ = (P^-1 + w H^T R^-1 H)^-1,    x+ = x + P+ w H^T R^-1 nu:
+        Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 3.5.
 
         Args:
             observation: of one of the gate's boards.
             weight: share of its information that is new, 0 to 1.
         """
         dt = max(observation.time - self.time, 0.0)
-        state, covariance = _filtered(self.state, self.covariance, dt, weight, observation)
+        predicted = self.covariance + np.diag(dt * _PROCESS_NOISE)
+        matrix, vector = _information(self.state, observation)
+        covariance = inverse(inverse(predicted) + weight * matrix)
+        state = self.state + apply(covariance, weight * vector)
         time = max(self.time, observation.time)
         return GateFilter(read_only(state), read_only(covariance), time, self.obeys_rules)
 
@@ -127,16 +136,21 @@ class GateFilter(Immutable):
 
     def is_certain(self, sigma: float) -> bool:
         """Whether the position has a standard deviation below sigma (m) in every direction."""
-        return _is_below(self.covariance, sigma**2)
+        rest = sigma**2 * np.eye(3) - self.covariance[AT_GATE.p_WG, AT_GATE.p_WG]
+        return not math.isnan(cholesky(rest)[2, 2])  # it is positive definite
 
 
 def has_spacing_of_rules(spacing: float, variance: float) -> bool:
     """Whether a gate has the spacing of the rules: it is nearly that, and known well.
 
-    Args:
-        spacing: estimated (m). variance: of its error (m^2).
+    Args: spacing: estimated (m). variance: of its error (m^2).
     """
     return abs(GATE_SPACING - spacing) <= _SPACING_TOLERANCE and variance <= _SPACING_CERTAINTY**2
+
+
+def least_observed(counts: dict) -> int:
+    """Returns the observations of the pylon that has fewer; counts: by marker ID."""
+    return min(sum(n for id, n in counts.items() if id & 2 == pylon) for pylon in (0, 2))
 
 
 def fit(observations: Sequence[Observation], before: GateFilter | None = None) -> GateFilter:
@@ -208,8 +222,7 @@ def board_position(state: np.ndarray, id: int) -> tuple[np.ndarray, np.ndarray]:
         id: of the marker: 4n left front, 4n+1 left back, 4n+2 right front,
             4n+3 right back.
 
-    Returns:
-        (p_WM, H): (3,), (3, 5).
+    Returns: (p_WM, H): (3,), (3, 5).
     """
     (x, y, z), heading, spacing = as_gate(state)
     half = 0.5 if id & 2 else -0.5  # right, left
@@ -253,13 +266,6 @@ def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool
     return np.linalg.norm(observation.p_WM - p_WM) < reach and front < 0.0
 
 
-def _squared_distance(state, covariance, observation):
-    """Returns the squared Mahalanobis distance of an observation: nu^T S^-1 nu."""
-    p_WM, H = board_position(state, observation.id)
-    S = propagated(H, covariance) + observation.covariance
-    return _normalized_square(observation.p_WM - p_WM, S)
-
-
 def _normalized_square(error, covariance):
     """Returns e^T (C + sigma^2 I)^-1 e for a position's error (m), with its shared part."""
     C = covariance + _POSITION_SIGMA**2 * np.eye(3)
@@ -283,28 +289,3 @@ def _information(state, observation):
         matrix[AT_GATE.heading, AT_GATE.heading] += 1 / variance
         vector[AT_GATE.heading] += turn / variance
     return matrix, vector
-
-
-def _filtered(state, covariance, dt, weight, observation):
-    """Returns state and covariance after one more observation.
-
-    The measurement update of the extended information filter, with w for the weight,
-        P+ = (P^-1 + w H^T R^-1 H)^-1,    x+ = x + P+ w H^T R^-1 nu:
-    Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 3.5.
-
-    Args:
-        state, covariance: before, (5,), (5, 5).
-        dt: time since the observation before (s).
-        weight: see GateFilter.updated().
-        observation: of one of the gate's boards.
-    """
-    predicted = covariance + np.diag(dt * _PROCESS_NOISE)
-    matrix, vector = _information(state, observation)
-    after = inverse(inverse(predicted) + weight * matrix)
-    return state + apply(after, weight * vector), after
-
-
-def _is_below(covariance, variance):
-    """Whether v I - C is positive definite for the position's part of a covariance."""
-    rest = variance * np.eye(3) - covariance[AT_GATE.p_WG, AT_GATE.p_WG]
-    return not math.isnan(cholesky(rest)[2, 2])

@@ -25,9 +25,7 @@ class GateMapWriter(LeafSystem):
     def __init__(self, *, directory: Path, period: float):
         """Constructs the writer.
 
-        Args:
-            directory: where the two files go.
-            period: between two writes (s of simulated time).
+        Args: directory: where the two files go. period: between two writes (s of simulated time).
         """
         LeafSystem.__init__(self)
         self._directory = Path(directory)

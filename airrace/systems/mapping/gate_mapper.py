@@ -1,6 +1,6 @@
 """Builds the map of the track from detections."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -8,7 +8,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
-from airrace.scenario import PerceptionConfig
+from airrace.scenario import PerceptionConfig, Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.mapping.observation import UNKNOWN_TIME
@@ -17,11 +17,6 @@ from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import jumps, last_two, moved, remember
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.state import STATE_SIZE, as_state
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 _LONGEST_GAP = 2.0  # periods of the estimate: an older one says nothing about the pose
 
@@ -89,7 +84,7 @@ class GateMapper(LeafSystem):
         )
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the mapper of a scenario."""
         return cls(
             fps=scenario.camera.fps,
@@ -136,9 +131,7 @@ class GateMapper(LeafSystem):
 def extrapolate(estimate: np.ndarray, dt: float) -> RigidTransform:
     """Returns X_WB a short time after a state estimate.
 
-    Args:
-        estimate: vector of vehicle/state.py, (14,).
-        dt: (s).
+    Args: estimate: vector of vehicle/state.py, (14,). dt: (s).
     """
     quaternion, p_WB = moved(estimate, dt)
     return RigidTransform(Quaternion(quaternion), p_WB)

@@ -1,18 +1,14 @@
 """A map that is known before the race, in place of camera and mapper."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
 from pydrake.common.value import Value
 
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import Detections
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import read_map
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 
 class KnownMap(LeafSystem):
@@ -38,7 +34,7 @@ class KnownMap(LeafSystem):
         )
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the map that a scenario names."""
         return cls(read_map(scenario.map, scenario.track))
 

@@ -7,7 +7,6 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from airrace.common.immutable import read_only
-from airrace.common.jit import compiled
 from airrace.math.small_matrices import cholesky, propagated
 from airrace.math.vec3 import dot, rotate
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
@@ -119,7 +118,6 @@ def make_observation(
     )
 
 
-@compiled
 def _world_covariance(R_WC, p_CM, covariance, size):
     """Returns the covariance of a marker's x, y, z (m) and rotation about the vertical, (4, 4).
 
@@ -144,11 +142,11 @@ def _world_covariance(R_WC, p_CM, covariance, size):
     return result
 
 
-@compiled
 def _is_covariance(matrix):
     """Whether a matrix is finite and small, and no variance in it is negative."""
-    if not np.all(np.abs(matrix) < _MOST_VARIANCE):
+    greatest = np.abs(matrix).max()
+    if not greatest < _MOST_VARIANCE:  # NaN is not
         return False
     # Something is added to the diagonal, because rounding is no fault.
-    rounding = 1e-9 * np.abs(matrix).max() + 1e-300
+    rounding = 1e-9 * greatest + 1e-300
     return not math.isnan(cholesky(matrix + rounding * np.eye(len(matrix)))[-1, -1])

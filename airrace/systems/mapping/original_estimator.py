@@ -81,9 +81,7 @@ def estimate_position(positions: np.ndarray, outlier_sigma: float) -> PositionEs
     position is an outlier if a coordinate has |x - m| >= 3 s. Mean and variance of the others
     are the estimate. As no x is farther off than s sqrt(n - 1), the first outlier is one of ten.
 
-    Args:
-        positions: (n, 3) m, n at least 1.
-        outlier_sigma: the 3.
+    Args: positions: (n, 3) m, n at least 1. outlier_sigma: the 3.
     """
     mean, variance = _moments(positions)
     off = np.abs(positions - mean)
@@ -164,9 +162,7 @@ class OriginalEstimator:
 def make_gate(number: int, p_WL: np.ndarray, p_WR: np.ndarray) -> GateEstimate | None:
     """Returns the gate between two front markers, None if it is impossible.
 
-    Args:
-        number: of the gate.
-        p_WL, p_WR: centres of the left and the right front board, (3,).
+    Args: number: of the gate. p_WL, p_WR: centres of the left and the right front board, (3,).
     """
     right = (p_WR - p_WL)[:2]
     if np.linalg.norm(right) < 2 * PYLON_BASE_RADIUS:

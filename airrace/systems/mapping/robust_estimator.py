@@ -76,11 +76,8 @@ class GateTrack(Immutable):
         """Whether the gate is known well enough to be in the map."""
         if self.estimate is None:
             return False
-        left, right = (
-            sum(count for id, count in self.counts.items() if id & 2 == pylon) for pylon in (0, 2)
-        )
         return (
-            min(left, right) >= min_observations
+            gate_filter.least_observed(self.counts) >= min_observations
             and self.estimate.spacing > 2 * PYLON_BASE_RADIUS
             # A gate that moved stays in the map, even if it was hardly seen since.
             and (self.was_certain or self._is_certain())

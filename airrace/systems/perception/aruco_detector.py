@@ -2,26 +2,21 @@
 
 import dataclasses as dc
 import math
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import ValueProducer
 
 from airrace.common.immutable import Immutable
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.perception import detection_checks as checks
-from airrace.systems.perception.detector_config import DetectorConfig
-from airrace.systems.perception.marker_measurement import measure
+from airrace.systems.perception.marker_measurement import DetectorConfig, measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections
 from airrace.vehicle.camera_info import CameraInfo
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
@@ -66,7 +61,7 @@ class ArucoDetector(LeafSystem):
 
     detect() is what it computes: search (marker_search.py), refit of the corners
     (corner_refit.py), checks (detection_checks.py) and poses (marker_pose.py). By its
-    settings (detector_config.py), corners and poses are OpenCV's own.
+    settings, see DetectorConfig, corners and poses are OpenCV's own.
 
     The output is a function of the inputs and of the last image's markers, which are
     the state. A full search covers the whole image. In the images between two full
@@ -78,12 +73,7 @@ class ArucoDetector(LeafSystem):
     """
 
     def __init__(self, *, fps: float = 30.0, config: DetectorConfig = DetectorConfig()):
-        """Constructs the detector.
-
-        Args:
-            fps: rate of the camera, at which the state is updated (Hz).
-            config: settings.
-        """
+        """Args: fps: rate of the camera, at which the state is updated (Hz). config: settings."""
         LeafSystem.__init__(self)
         self._search = MarkerSearch(refine=config.corners == "opencv")
         self._config = config
@@ -111,7 +101,7 @@ class ArucoDetector(LeafSystem):
         )
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the detector of a scenario."""
         perception = scenario.perception
         config = DetectorConfig(

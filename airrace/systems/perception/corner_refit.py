@@ -20,6 +20,7 @@ _SMALL = 65.0
 _FARTHEST = 8.0  # px, from a rough corner to the refitted one
 FARTHEST_SAMPLE = _FARTHEST + 12.0  # px, from the rough square to any pixel that counts
 _LEAST_CONTRAST = 8.0  # grey levels, from black to white
+_FITS = 3  # of a line, each without the outliers of the one before
 _LEAST_POINTS = len(ALONG) / 4  # of a line
 _OUTLIER = 3.0  # robust standard deviations
 _LEAST_SIGMA = 0.03  # px, of a robust standard deviation
@@ -63,8 +64,7 @@ def _refit_square(image, quad):
         is_small = edges.width.min() < _SMALL
         for i in range(4):
             reach = min(share * edges.width[i], farthest)
-            x, y, contrast = _edge_points(image, edges, i, reach, is_small or k == 0)
-            lines[i], variances[i] = _fit_line(x, y, contrast, edges.length[i])
+            lines[i], variances[i] = _fit_edge(image, edges, i, reach, is_small or k == 0)
         corners = intersect(edges, lines)
         # Lines that follow no edge may meet anywhere, or be NaN.
         if not np.all(np.abs(corners - quad) < _FARTHEST):
@@ -76,19 +76,17 @@ def _refit_square(image, quad):
 
 
 @compiled
-def _edge_points(image, edges, i, reach, is_crowded):
-    """Returns where each profile of an edge has its gradient's centroid.
+def _fit_edge(image, edges, i, reach, is_crowded):
+    """Fits y = offset + slope x by least squares to where profiles of an edge have their centroids.
+
+    x is along the edge and y outwards, from its middle. Outliers and profiles that show no edge
+    do not count.
 
     Args:
-        image: see grey_levels().
-        edges: of the square.
-        i: number of the edge.
-        reach: half a profile (px).
+        image, edges, i, reach: see profiles().
         is_crowded: whether there may be something else in the profiles.
 
-    Returns:
-        x along the edge and y outwards, from its middle, (p,) px; and the sums
-        of the gradients, (p,) grey levels.
+    Returns: (offset (px), slope), and their variances; NaN where there are too few points.
     """
     levels = profiles(image, edges, i, reach)
     gradient = levels[:, 1:] - levels[:, :-1]
@@ -98,29 +96,22 @@ def _edge_points(image, edges, i, reach, is_crowded):
         gradient = np.maximum(gradient, 0.0)
     contrast = gradient.sum(axis=1)
     moment = gradient @ ((ACROSS[1:] + ACROSS[:-1]) / 2)
-    return ALONG * edges.length[i], reach * moment / np.maximum(contrast, 1e-6), contrast
-
-
-@compiled
-def _fit_line(x, y, contrast, length):
-    """Fits y = offset + slope x, without outliers and profiles that show no edge.
-
-    Args:
-        x, y, contrast: see _edge_points().
-        length: of the edge (px).
-
-    Returns:
-        (offset, slope), and their variances; NaN where there are too few points.
-    """
+    length = edges.length[i]
+    x, y = ALONG * length, reach * moment / np.maximum(contrast, 1e-6)
     visible = contrast > max(0.5 * np.median(contrast), _LEAST_CONTRAST)
-    used = visible
-    for _ in range(2):
-        offset, slope, spread = _line(x[used], y[used])
-        residual = np.abs(y - offset - slope * x)
-        limit = _OUTLIER * max(1.4826 * np.median(residual), _LEAST_SIGMA)
-        used = visible & (residual < limit)
-    offset, slope, spread = _line(x[used], y[used])
-    residual, count = (y - offset - slope * x)[used], used.sum()
+    fitted = used = visible
+    for _ in range(_FITS):
+        count = used.sum()
+        if count < _LEAST_POINTS:
+            return (np.nan, np.nan), (np.nan, np.nan)
+        deviation = x[used] - x[used].mean()
+        spread = (deviation * deviation).sum()
+        slope = (deviation * y[used]).sum() / spread
+        offset = y[used].mean() - slope * x[used].mean()
+        residual = y - offset - slope * x
+        limit = _OUTLIER * max(1.4826 * np.median(np.abs(residual)), _LEAST_SIGMA)
+        fitted, used = used, visible & (np.abs(residual) < limit)
+    residual = residual[fitted]
     # Profiles less than a pixel apart sample the same pixels.
     independent = min(count, count * EXTENT * length / len(x))
     scatter = (residual * residual).sum() / max(independent - 2.0, 1.0)
@@ -130,33 +121,15 @@ def _fit_line(x, y, contrast, length):
 
 
 @compiled
-def _line(x, y):
-    """Fits y = offset + slope x to points by least squares.
-
-    Returns:
-        offset, slope, and sum of squared deviations of x; NaN for too few points.
-    """
-    if len(x) < _LEAST_POINTS:
-        return np.nan, np.nan, np.nan
-    deviation = x - x.mean()
-    spread = (deviation * deviation).sum()
-    slope = (deviation * y).sum() / spread
-    return y.mean() - slope * x.mean(), slope, spread
-
-
-@compiled
 def _corner_covariance(edges, variances):
     """Propagates the variances of offsets and slopes to the corners.
 
     The normals n_i, n_j of the two lines through a corner and the distances by which the
     lines move there give the corner's motion u: n_i u = d_i, n_j u = d_j.
 
-    Args:
-        edges: of the square.
-        variances: of offset (px^2) and slope, (4, 2).
+    Args: edges: of the square. variances: of offset (px^2) and slope, (4, 2).
 
-    Returns:
-        (8, 8) px^2.
+    Returns: (8, 8) px^2.
     """
     J = np.zeros((8, 8))
     for i in range(4):

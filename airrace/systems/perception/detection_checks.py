@@ -50,8 +50,7 @@ def check_view(view: Any, time: float, info: CameraInfo) -> str | None:
 def check_quad(quad: np.ndarray) -> str | None:
     """Returns why rough corners are no marker's, None if they may be.
 
-    Args:
-        quad: as the marker is read, (4, 2) px.
+    Args: quad: as the marker is read, (4, 2) px.
     """
     area = _signed_area(quad)
     if area < 0:
@@ -76,8 +75,7 @@ def check_corners(corners: np.ndarray, quad: np.ndarray) -> str | None:
 def check_id(grey: np.ndarray, corners: np.ndarray, id: int) -> str | None:
     """Returns why a marker's ID is wrong, None if it may be right.
 
-    Args:
-        grey, corners, id: see misread_modules().
+    Args: grey, corners, id: see misread_modules().
     """
     return MISREAD if misread_modules(grey, corners, id) > _MOST_MISREAD else None
 
@@ -101,9 +99,7 @@ def jumps(detection: Detection, before: Detection, dt: float) -> bool:
     The distance does not depend on the camera's attitude, so it is compared by
     itself, and then the attitude.
 
-    Args:
-        detection, before: of the same marker.
-        dt: time between them (s).
+    Args: detection, before: of the same marker. dt: time between them (s).
     """
     if not 0 < dt <= _LONGEST_GAP:
         return False

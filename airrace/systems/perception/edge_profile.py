@@ -1,10 +1,12 @@
 """Finds blurred edges of markers by a model of what lies around them."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from airrace.common.jit import compiled
+from airrace.common.packing import Packing
 from airrace.math.small_matrices import cholesky, product, solve_cholesky
 from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, Edges, profiles
 from airrace.track import BOARD_SIZE, MARKER_SIZE
@@ -18,13 +20,30 @@ _FARTHEST = 5.0  # and at most (px);
 _FARTHEST_OF_BLURRED = 9.0  # px, where 5 would show too little around an edge
 _BLURRED = 1.2  # px, blur s from which on that is so
 _ITERATIONS = 2
-# Standard deviations of the parameters a, b, c, e (grey levels), d, s (px) before the fit,
-# if that of a sample is one grey level. They decide what a profile does not show.
-_PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
 _SHARP = 0.7  # px, blur s up to which an edge keeps its direction
 _MOST_OFFSET = 1.0  # px
+
+
+class _Blur(NamedTuple):
+    """The parameters of the model, see model_lines().
+
+    Attributes: a, b, c, e: levels (grey levels). d: offset (px). s: blur (px).
+    """
+
+    a: float
+    b: float
+    c: float
+    e: float
+    d: float
+    s: float
+
+
+_AT, _vector = Packing(_Blur).at, Packing(_Blur).vector
+# Standard deviations of the parameters before the fit, if that of a sample is one grey level. They
+# decide what a profile does not show.
+_PRIOR = _vector(_Blur(200.0, 200.0, 200.0, 200.0, d=0.7, s=0.35))
 
 
 @compiled
@@ -52,11 +71,17 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
         slopes against the edges, (4, 2).
     """
     lines = np.zeros((4, 2))
+    half = len(ALONG) // 2
     for i in range(4):
-        reach = _REACH * edges.width[i]
-        first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST))
-        if s > _BLURRED and reach > _FARTHEST:
-            first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST_OF_BLURRED))
+        width, first, second, s = edges.width[i], 0.0, 0.0, 0.0
+        for farthest in (_FARTHEST, _FARTHEST_OF_BLURRED):
+            reach = min(_REACH * width, farthest)
+            levels = profiles(image, edges, i, reach)
+            first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
+            second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)
+            s = (s_first + s_second) / 2
+            if not s > _BLURRED or reach < farthest:
+                break
         lines[i, 0] = (first + second) / 2
         if s > _SHARP:
             # The middles of the halves are half the profiles' extent apart.
@@ -65,26 +90,13 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
 
 @compiled
-def _fit_halves(image, edges, i, reach):
-    """Returns the offsets of both halves of edge i, and their mean blur (px); see profiles()."""
-    width, half = edges.width[i], len(ALONG) // 2
-    levels = profiles(image, edges, i, reach)
-    first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
-    second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)
-    return first, second, (s_first + s_second) / 2
-
-
-@compiled
 def _fit_profile(y, reach, width):
     """Returns the offset d and the blur s of the model that fits a profile (px).
 
-    Args:
-        y: grey levels at ACROSS, (s,).
-        reach: half the profile (px).
-        width: of the square (px).
+    Args: y: grey levels at ACROSS, (s,). reach: half the profile (px). width: of the square (px).
     """
     x, weights = ACROSS * reach, _PRIOR**-2
-    prior = np.array([y.min(), y.max() - y.min(), 0.0, 0.0, 0.0, _SIGMA])
+    prior = _vector(_Blur(y.min(), y.max() - y.min(), 0.0, 0.0, 0.0, _SIGMA))
     q = prior.copy()
     for _ in range(_ITERATIONS):
         error, J = y.copy(), np.ones((len(x), 6))
@@ -92,26 +104,21 @@ def _fit_profile(y, reach, width):
         for j in range(len(x)):
             z, z_rim = (x[j] - d) / s, (x[j] - d - _RIM * width) / s
             z_module = -(x[j] - d + _MODULE * width) / s
-            step, rim, module = _cdf(z), _cdf(z_rim), _cdf(z_module)
+            (step, slope), (rim, rim_slope) = _normal(z), _normal(z_rim)
+            module, module_slope = _normal(z_module)
             error[j] -= a + b * step + c * rim + e * module
-            by_z, by_rim, by_module = b * _pdf(z), c * _pdf(z_rim), e * _pdf(z_module)
-            J[j, 1:4] = step, rim, module
-            J[j, 4] = (-by_z - by_rim + by_module) / s
-            J[j, 5] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
+            by_z, by_rim, by_module = b * slope, c * rim_slope, e * module_slope
+            J[j, _AT.b], J[j, _AT.c], J[j, _AT.e] = step, rim, module
+            J[j, _AT.d] = (-by_z - by_rim + by_module) / s
+            J[j, _AT.s] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
         H = product(J.T, J) + np.diag(weights)
         q += solve_cholesky(cholesky(H), J.T @ error - weights * (q - prior))
-        q[4] = min(max(q[4], -_MOST_OFFSET), _MOST_OFFSET)
-        q[5] = min(max(q[5], _LEAST_SIGMA), _MOST_SIGMA)
-    return q[4], q[5]
+        q[_AT.d] = min(max(q[_AT.d], -_MOST_OFFSET), _MOST_OFFSET)
+        q[_AT.s] = min(max(q[_AT.s], _LEAST_SIGMA), _MOST_SIGMA)
+    return q[_AT.d], q[_AT.s]
 
 
 @compiled
-def _cdf(z):
-    """Returns the normal distribution function."""
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))
-
-
-@compiled
-def _pdf(z):
-    """Returns the normal density."""
-    return math.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+def _normal(z):
+    """Returns the normal distribution function, and the density, which is its derivative."""
+    return 0.5 * math.erfc(-z / math.sqrt(2.0)), math.exp(-z * z / 2) / math.sqrt(2 * math.pi)

@@ -72,12 +72,7 @@ def intersect(edges: Edges, lines: np.ndarray) -> np.ndarray:
     """
     p = edges.middle + lines[:, :1] * edges.outward
     d = edges.along + lines[:, 1:] * edges.outward
-    previous = d[_PREVIOUS]
-    s = _cross(p[_PREVIOUS] - p, previous) / _cross(d, previous)
+    before = d[_PREVIOUS]
+    normal = np.stack((before[:, 1], -before[:, 0]), axis=1)
+    s = ((p[_PREVIOUS] - p) * normal).sum(axis=1) / (d * normal).sum(axis=1)
     return p + s.reshape(4, 1) * d
-
-
-@compiled
-def _cross(a, b):
-    """Returns the z components of cross products, (n,); a, b: (n, 2)."""
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,5 +1,7 @@
 """From quads to detections: corners, checks, poses."""
 
+import dataclasses as dc
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
@@ -7,12 +9,33 @@ import numpy as np
 
 from airrace.systems.perception import detection_checks as checks
 from airrace.systems.perception.corner_refit import FARTHEST_SAMPLE, refit
-from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_pose import CORNER_SIGMA, locate, locate_alone, locate_gate
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.vehicle.camera_info import CameraInfo
 
 _OPENCV_COVARIANCE = CORNER_SIGMA**2 * np.eye(8)  # px^2, of one marker's corners
+
+
+@dc.dataclass(frozen=True)
+class DetectorConfig:
+    """Settings of detect() and of its parts.
+
+    Attributes:
+        max_id: greater IDs are refused.
+        full_search_periods: shortest and longest period of full searches (images);
+            (1, 1) for a full search of every image.
+        corners: "refit" (corner_refit.py), or "opencv" for the corners that OpenCV's detector
+            refines (CORNER_REFINE_SUBPIX).
+        poses: "gate" for the joint pose of a gate's two markers where both are seen, or
+            "marker" for OpenCV's pose of every marker by itself; see marker_pose.py.
+        jump_filter: whether markers whose pose jumps are refused.
+    """
+
+    max_id: float = math.inf
+    full_search_periods: tuple[int, int] = (8, 16)
+    corners: str = "refit"
+    poses: str = "gate"
+    jump_filter: bool = True
 
 
 def measure(
@@ -31,8 +54,7 @@ def measure(
         info: the camera.
         config: settings.
 
-    Returns:
-        tuple of Detection by ID, and tuple of (reason, ID) of what was refused.
+    Returns: tuple of Detection by ID, and tuple of (reason, ID) of what was refused.
     """
     refused, candidates = [], []
     for id, quad in zip(ids, quads):
@@ -89,10 +111,7 @@ def _pairs(ids: Iterable[int]) -> list:
 def _locate_all(usable: dict, info: CameraInfo, poses: str) -> dict:
     """Returns ID to Detection of all that have a pose.
 
-    Args:
-        usable: ID to corners and their covariance.
-        info: the camera.
-        poses: see DetectorConfig.
+    Args: usable: ID to corners and their covariance. info: the camera. poses: see DetectorConfig.
     """
     if poses == "marker":
         alone = (locate_alone(id, corners, info) for id, (corners, _) in usable.items())

@@ -5,24 +5,21 @@ import functools
 import cv2
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.systems.perception.interpolation import as_pixels, grey_levels
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
 _MODULES = 7  # a side, with the black frame
 _BITS = 2 ** np.arange(25)  # one for each module within the frame, row by row
-_NUMBERS = np.arange(_MODULES**2).reshape(_MODULES, _MODULES)
-_INNER = _NUMBERS[1:-1, 1:-1].ravel()
-_FRAME = np.setdiff1d(_NUMBERS, _INNER)
+_IS_INNER = np.pad(np.full((5, 5), True), 1).ravel()  # within the frame
 _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
 def _sample_points() -> np.ndarray:
-    """Returns points in the inner half of each module, in homogeneous coordinates, (49 * 9, 3)."""
+    """Returns points in the inner half of each module, in homogeneous coordinates, (9 * 49, 3)."""
     within = np.array([0.25, 0.5, 0.75])
-    row, column, v, u = np.meshgrid(
-        np.arange(_MODULES), np.arange(_MODULES), within, within, indexing="ij"
+    v, u, row, column = np.meshgrid(
+        within, within, np.arange(_MODULES), np.arange(_MODULES), indexing="ij"
     )
     points = np.stack([(column + u) / _MODULES, (row + v) / _MODULES, np.ones(u.shape)], axis=-1)
     return np.ascontiguousarray(points.reshape(-1, 3))
@@ -45,18 +42,15 @@ def misread_modules(grey: np.ndarray, corners: np.ndarray, id: int) -> int:
     """
     levels, white = _module_levels(as_pixels(grey), _homography(corners)), _white_modules(id)
     middle = (levels[white].mean() + levels[~white].mean()) / 2
-    return int(((levels > middle) != white)[_INNER].sum())
+    return int(((levels > middle) != white)[_IS_INNER].sum())
 
 
 def read_marker(grey: np.ndarray, quad: np.ndarray) -> tuple | None:
     """Reads a square that may be any marker of the dictionary, or the board around one.
 
-    Args:
-        grey: the image, (h, w), uint8.
-        quad: corners, clockwise as seen, (4, 2) px.
+    Args: grey: the image, (h, w), uint8. quad: corners, clockwise as seen, (4, 2) px.
 
-    Returns:
-        ID, and the marker's corners, top left first as it is read; None if it is none.
+    Returns: ID, and the marker's corners, top left first as it is read; None if it is none.
     """
     grey, margin = as_pixels(grey), (1.0 - MARKER_SIZE / BOARD_SIZE) / 2
     within = margin + (1.0 - 2 * margin) * _UNIT_SQUARE
@@ -95,12 +89,11 @@ def _code(grey, homography):
     """Returns the inner modules of a square as bits, -1 if its frame is not black."""
     levels = _module_levels(grey, homography)
     white = levels > (levels.max() + levels.min()) / 2
-    return -1 if white[_FRAME].any() else int((white[_INNER] * _BITS).sum())
+    return -1 if white[~_IS_INNER].any() else int((white[_IS_INNER] * _BITS).sum())
 
 
-@compiled
 def _module_levels(grey, homography):
     """Returns the mean grey level of each module's inner half, row by row, (49,)."""
     p = _SAMPLES @ homography.T
-    levels = grey_levels(grey, p[:, 0] / p[:, 2], p[:, 1] / p[:, 2])
-    return levels.reshape(_MODULES**2, -1).sum(axis=1) / (len(_SAMPLES) // _MODULES**2)
+    levels = grey_levels(grey, p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]).reshape(-1, _MODULES**2)
+    return levels.sum(axis=0) / len(levels)

@@ -42,8 +42,7 @@ def locate(
         covariance: of the corners x0, y0, x1, ..., (8, 8) px^2.
         info: the camera.
 
-    Returns:
-        the detection, or None if there is no pose in front of the camera.
+    Returns: the detection, or None if there is no pose in front of the camera.
     """
     if not _is_extended(corners):
         return None
@@ -61,11 +60,9 @@ def locate_alone(id: int, corners: np.ndarray, info: CameraInfo) -> Detection | 
     rounding of pi. That takes corners of perfect symmetry, so no camera sees it; there is no
     pose then.
 
-    Args:
-        id, corners, info: see locate().
+    Args: id, corners, info: see locate().
 
-    Returns:
-        as locate().
+    Returns: as locate().
     """
     if not _is_extended(corners):
         return None
@@ -105,8 +102,7 @@ def locate_gate(
         corners, covariances: see locate(); one each.
         info: the camera.
 
-    Returns:
-        ID to Detection of both, or of none if the corners do not fit that distance.
+    Returns: ID to Detection of both, or of none if the corners do not fit that distance.
     """
     if not all(map(_is_extended, corners)):
         return {}
@@ -133,9 +129,7 @@ def assumed_covariance(depth: float, focal_length: float) -> np.ndarray:
 
     As of Detection; it is for corners with a standard deviation of CORNER_SIGMA.
 
-    Args:
-        depth: of the marker (m).
-        focal_length: of the camera (px).
+    Args: depth: of the marker (m). focal_length: of the camera (px).
     """
     angle = CORNER_SIGMA / focal_length
     across, along = depth * angle, depth**2 * angle / MARKER_SIZE
@@ -168,14 +162,15 @@ def _solve(
         points,
         np.ascontiguousarray(corners, float),
         np.ascontiguousarray(covariances, float),
-        _intrinsics(info),
+        intrinsics(info),
         seeds,
     )
     return pose if np.isfinite(pose.cost) else None
 
 
 @functools.lru_cache(maxsize=4)
-def _intrinsics(info: CameraInfo) -> np.ndarray:
+def intrinsics(info: CameraInfo) -> np.ndarray:
+    """Returns fx, fy, cx, cy, k1, k2, p1, p2, k3 of a camera, (9,)."""
     return np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
 
 

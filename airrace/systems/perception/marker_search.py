@@ -30,8 +30,7 @@ class MarkerSearch:
     def everywhere(self, image: np.ndarray) -> tuple[list, np.ndarray]:
         """Searches a whole picture.
 
-        Args:
-            image: grey levels, (h, w), uint8.
+        Args: image: grey levels, (h, w), uint8.
 
         Returns:
             IDs, list of n; and corners, top left first, clockwise as the marker is read,
@@ -49,12 +48,9 @@ class MarkerSearch:
     ) -> tuple[list, np.ndarray]:
         """Searches a picture for markers near their predicted corners.
 
-        Args:
-            view: of the picture.
-            predictions: ID to predicted corners, (4, 2) px.
+        Args: view: of the picture. predictions: ID to predicted corners, (4, 2) px.
 
-        Returns:
-            as everywhere().
+        Returns: as everywhere().
         """
         if not predictions:
             return [], np.zeros((0, 4, 2))
@@ -68,9 +64,9 @@ class MarkerSearch:
                 if id not in found
             ]
             regions = [
-                region
-                for region in regions
-                if min(region[2] - region[0], region[3] - region[1]) >= _SMALLEST_SIDE
+                (x0, y0, x1, y1, box)
+                for x0, y0, x1, y1, box in regions
+                if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE
             ]
             picture = view.drawn(*(region[:4] for region in regions))
             for x0, y0, x1, y1, box in regions:

@@ -93,14 +93,12 @@ def best_pose(
     return Pose(best.R, best.t, best.cost, best.residual, best.covariance, ambiguity)
 
 
-@compiled
 def pose_at(pose: Pose, p: np.ndarray) -> Pose:
     """Returns the Pose of a frame that is fixed to F, at p in F with its axes; (3,) m."""
     q = rotate(pose.R, p)
     J = np.eye(6)
     J[3:, :3] = -skew(q)  # it moves by w x q when F rotates by w
-    covariance = propagated(J, pose.covariance)
-    return Pose(pose.R, pose.t + q, pose.cost, pose.residual, covariance, pose.ambiguity)
+    return pose._replace(t=pose.t + q, covariance=propagated(J, pose.covariance))
 
 
 @compiled
@@ -160,12 +158,9 @@ def _linearized(problem, R, t):
 def project(p: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the pixel of a point through a lens with plumb-bob distortion.
 
-    Args:
-        p: the point in C, (3,) m.
-        camera: see best_pose().
+    Args: p: the point in C, (3,) m. camera: see best_pose().
 
-    Returns:
-        (2,) px, and its derivative by p, (2, 3).
+    Returns: (2,) px, and its derivative by p, (2, 3).
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = camera
     z = p[2]

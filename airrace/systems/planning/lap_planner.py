@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from pydrake.common.value import Value
@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
+from airrace.scenario import PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
@@ -22,11 +23,6 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import PlannerConfig, Scenario
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
@@ -104,7 +100,7 @@ class LapPlanner(LeafSystem):
         *,
         vehicle: Vehicle,
         trajectory: str,
-        config: "PlannerConfig",
+        config: PlannerConfig,
         laps: float = np.inf,
         solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
     ):
@@ -161,8 +157,8 @@ class LapPlanner(LeafSystem):
 
     @classmethod
     def from_scenario(
-        cls, scenario: "Scenario", solve: Callable[[LapProblem], LapPlan | None] = plan_lap
-    ) -> "Self":
+        cls, scenario: Scenario, solve: Callable[[LapProblem], LapPlan | None] = plan_lap
+    ) -> Self:
         """Returns the planner of a scenario; solve: see the constructor.
 
         Raises:

@@ -1,14 +1,11 @@
 """How far from pylons plans keep, and when a map has changed."""
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airrace.math.angles import wrap_angle
-
-if TYPE_CHECKING:
-    from airrace.track import GateEstimate, MarkerEstimate
+from airrace.track import GateEstimate, MarkerEstimate
 
 _CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
 _SIGMAS = 3.0
@@ -19,7 +16,7 @@ _TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
 
 
 def pylon_margins(
-    gates: "Sequence[GateEstimate]", markers: "Iterable[MarkerEstimate]", moved: float = 0.0
+    gates: Sequence[GateEstimate], markers: Iterable[MarkerEstimate], moved: float = 0.0
 ) -> np.ndarray:
     """Returns the margin between the drone and the boards of each pylon, (2n,) m.
 
@@ -44,7 +41,7 @@ def pylon_margins(
     return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), most)
 
 
-def has_changed(gates: "Sequence[GateEstimate]", before: "Sequence[GateEstimate]") -> bool:
+def has_changed(gates: Sequence[GateEstimate], before: Sequence[GateEstimate]) -> bool:
     """Whether a map may give a plan where the map before gave none.
 
     Args: gates, before: GateEstimates.
@@ -53,7 +50,7 @@ def has_changed(gates: "Sequence[GateEstimate]", before: "Sequence[GateEstimate]
     return numbers[0] != numbers[1] or not largest_move(gates, before) <= _CHANGED
 
 
-def largest_move(gates: "Sequence[GateEstimate]", before: "Sequence[GateEstimate]") -> float:
+def largest_move(gates: Sequence[GateEstimate], before: Sequence[GateEstimate]) -> float:
     """Returns how far a gate or its pylons are from where they were (m).
 
     Args: gates, before: GateEstimates; those that are in both matter.

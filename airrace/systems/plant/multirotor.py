@@ -4,7 +4,6 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.dom import expatbuilder
 from xml.parsers.expat import ExpatError
 
@@ -19,13 +18,11 @@ from pydrake.multibody.plant import (
     PropellerInfo,
 )
 from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from airrace.common.errors import UserError
 from airrace.systems.plant.rotor_bank import RotorBank
 from airrace.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 
 @contextlib.contextmanager
@@ -129,9 +126,7 @@ def ground_clearance(body: RigidBody, scene_graph: SceneGraph) -> float:
     That is from the boxes around its collision geometries: a drone that is
     placed by it may be a little above the ground, but never in it.
 
-    Args:
-        body: of AddMultirotorModel().
-        scene_graph: with its geometry.
+    Args: body: of AddMultirotorModel(). scene_graph: with its geometry.
 
     Raises:
         UserError: if the drone has nothing to stand on.
@@ -153,7 +148,7 @@ def ground_clearance(body: RigidBody, scene_graph: SceneGraph) -> float:
 
 
 def AddMultirotor(
-    builder: "DiagramBuilder",
+    builder: DiagramBuilder,
     body: RigidBody,
     scene_graph: SceneGraph,
     vehicle: Vehicle,
@@ -164,7 +159,7 @@ def AddMultirotor(
     failures: Iterable[tuple[int, float]] = (),
     visible: bool = True,
     suffix: str = "",
-) -> "tuple[RotorBank, OutputPort]":
+) -> tuple[RotorBank, OutputPort]:
     """Adds the rotors of a drone whose plant is finalized.
 
     Its visuals lose the perception role, because the camera sits among them.
@@ -224,7 +219,7 @@ def AddPropellers(
 
 
 def ApplyForces(
-    builder: "DiagramBuilder", plant: MultibodyPlant, forces: "Sequence[OutputPort]"
+    builder: DiagramBuilder, plant: MultibodyPlant, forces: Sequence[OutputPort]
 ) -> None:
     """Connects all that acts on the drones of a plant with it. Args: forces: at least one port."""
     applied = forces[0]

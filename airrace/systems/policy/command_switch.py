@@ -1,15 +1,11 @@
 """Who of two controllers is heard by the rotors."""
 
-from typing import TYPE_CHECKING
+from typing import Self
 
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import load_vehicle
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 
 class CommandSwitch(LeafSystem):
@@ -38,7 +34,7 @@ class CommandSwitch(LeafSystem):
         self.DeclareVectorOutputPort("rotor_speed_command", rotors, self._calc_command)
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the switch of a scenario."""
         return cls(rotors=len(load_vehicle(scenario.drone)[0].rotors))
 

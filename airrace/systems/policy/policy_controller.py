@@ -3,7 +3,7 @@
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from pydrake.common.value import Value
@@ -14,23 +14,18 @@ from airrace.common.jit import all_finite
 from airrace.common.packing import Packing
 from airrace.common.resources import models_path
 from airrace.math.quaternion import heading
-from airrace.scenario import LEARNED
+from airrace.scenario import LEARNED, Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.policy.command_scale import ctbr_scale, scaled
 from airrace.systems.policy.gates_observation import map_openings, write_gates_observation
 from airrace.systems.policy.policy_network import ACTIONS, PolicyNetwork, load_policy
 from airrace.systems.types import LAND, ExplorerStatus, PolicyStatus
 from airrace.track.gate_map import GateMap
-from airrace.track.gate_opening import OPENING_SIZE, find
+from airrace.track.gate_opening import OPENING_SIZE, as_opening, find
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, reference_vector
 from airrace.trajopt.stop import Stop
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from airrace.scenario import Scenario
 
 PERIOD = 0.02  # s, between two actions, as in the environment
 _PATIENCE = 5  # observations in a row that are not known, before it hands back
@@ -121,12 +116,7 @@ class PolicyController(LeafSystem):
     """
 
     def __init__(self, *, vehicle: Vehicle, network: PolicyNetwork):
-        """Constructs the controller.
-
-        Args:
-            vehicle: that the network was trained on.
-            network: from load_policy().
-        """
+        """Args: vehicle: that the network was trained on. network: from load_policy()."""
         LeafSystem.__init__(self)
         self._network, self._scale = network, ctbr_scale(vehicle)
         hover = np.array([vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
@@ -166,7 +156,7 @@ class PolicyController(LeafSystem):
         find(np.ones(OPENING_SIZE), np.zeros(3), np.ones(3))
 
     @classmethod
-    def from_scenario(cls, scenario: "Scenario") -> "Self":
+    def from_scenario(cls, scenario: Scenario) -> Self:
         """Returns the controller of a scenario.
 
         Raises:
@@ -299,8 +289,7 @@ def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
 
     Args: found: their numbers.
 
-    Returns:
-        None if there are none, or one is not on the map.
+    Returns: None if there are none, or one is not on the map.
     """
     known = {gate.number: gate for gate in gate_map.gates}
     if not found or not set(found) <= set(known):
@@ -310,9 +299,12 @@ def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
 
 def _count(memory: PolicyMemory, position: np.ndarray, course: np.ndarray) -> PolicyMemory:
     """Returns the memory after a move, with one gate more, or with reason MISSED."""
-    gate = course[int(memory.passed) % len(course)]
-    share, _ = find(gate, memory.position, position)
-    before, after = (float(gate[3:5] @ (p[:2] - gate[:2])) for p in (memory.position, position))
+    numbers = course[int(memory.passed) % len(course)]
+    share, _ = find(numbers, memory.position, position)
+    gate = as_opening(numbers)
+    before, after = (
+        float(gate.forward[:2] @ (p - gate.middle)[:2]) for p in (memory.position, position)
+    )
     if not math.isnan(share):
         memory = memory._replace(passed=memory.passed + 1.0)
     elif before < 0.0 <= after:

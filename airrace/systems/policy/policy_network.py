@@ -79,9 +79,7 @@ def load_policy(path: Path, vehicle: Vehicle) -> PolicyNetwork:
 
     Nothing in the file is run: it holds arrays only.
 
-    Args:
-        path: of the .npz file, see PolicyNetwork.save().
-        vehicle: that it is to fly.
+    Args: path: of the .npz file, see PolicyNetwork.save(). vehicle: that it is to fly.
 
     Raises:
         UserError: naming the file and what is wrong.

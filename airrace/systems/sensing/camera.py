@@ -198,14 +198,14 @@ class Camera(LeafSystem):
         return context.get_abstract_state(int(self._shown)).get_value()
 
     def _calc_image(self, context, output):
-        self._picture(context).draw(output.get_mutable_value().mutable_data)
+        self._picture(context)(output.get_mutable_value().mutable_data)
 
     def _calc_grey(self, context, output):
         picture = output.get_mutable_value().mutable_data
         picture[..., 0] = self._view.Eval(context).whole()
 
     def _calc_view(self, context, output):
-        view = CameraView((self._info.height, self._info.width), self._picture(context).draw)
+        view = CameraView((self._info.height, self._info.width), self._picture(context))
         if not hasattr(self._renderer, "expose"):
             view.whole()  # while the scene is there
         output.set_value(view)
@@ -215,7 +215,7 @@ class Camera(LeafSystem):
         sample = self._shown_sample(context)
         time, q, p_WB, w_WB, v_WB = as_state(sample[:STATE_SIZE])
         if failure_at(self._failures, time) == "dark":
-            return _Black()
+            return _draw_black
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), p_WB)
         if self._state_period > 0.0:
@@ -231,19 +231,16 @@ class Camera(LeafSystem):
 
         if self._imaging is None:
             X_WC = X_WB @ self._info.X_BC
-            return expose([(1.0, X_WC)], X_WC)
+            return expose([(1.0, X_WC)], X_WC).draw
         frame, seed = round(time * self._fps), max(int(sample[-1]), 0)
-        return self._imaging.picture(expose, X_WB, w_WB, v_WB, frame, seed)
+        return self._imaging.picture(expose, X_WB, w_WB, v_WB, frame, seed).draw
 
     def _calc_time(self, context, output):
         output.SetAtIndex(0, self._shown_sample(context)[0])
 
 
-class _Black:
-    """A picture of nothing."""
-
-    def draw(self, out: np.ndarray, boxes: np.ndarray | None = None) -> None:
-        """Draws it into an array, (h, w) or RGBA (h, w, 4), whatever the boxes are."""
-        out[:] = 0
-        if out.ndim == 3:
-            out[..., 3] = 255
+def _draw_black(out: np.ndarray, boxes: np.ndarray | None = None) -> None:
+    """Draws nothing into an array, (h, w) or RGBA (h, w, 4), whatever the boxes are."""
+    out[:] = 0
+    if out.ndim == 3:
+        out[..., 3] = 255

@@ -61,8 +61,7 @@ class CameraView(Immutable):
 
         Several regions at once are drawn faster than one after the other.
 
-        Args:
-            regions: each (x0, y0, x1, y1), see region().
+        Args: regions: each (x0, y0, x1, y1), see region().
         """
         if self._draw is not None:
             regions = np.array(regions, np.int64).reshape(-1, 4)
@@ -81,8 +80,7 @@ def _taken(missing, regions, h, w):
         regions: (n, 4), see CameraView.drawn().
         h, w: size of the picture.
 
-    Returns:
-        boxes of it, none of which overlap, (m, 4).
+    Returns: boxes of it, none of which overlap, (m, 4).
     """
     boxes, count = np.empty((missing.size, 4), np.int64), 0
     for x0, y0, x1, y1 in regions:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import assign, compilable, compiled
+from airrace.common.jit import assign, compiled
 from airrace.common.packing import Packing
 from airrace.math.random import NoiseSequence
 from airrace.math.triples import (
@@ -24,7 +24,7 @@ from airrace.math.triples import (
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.seed import declare_seed
-from airrace.systems.sensing.imu_samples import NO_SAMPLES, SAMPLE_SIZE, insert
+from airrace.systems.sensing.imu_samples import AT_SAMPLE, NO_SAMPLES, SAMPLE_SIZE, insert
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
@@ -221,42 +221,34 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
         model: an ImuModel, as a tuple.
     """
     period, position, axes, sigmas, walk, ranges, time_offset = model
-    before = memory.copy()
+    before = _as_memory(memory.copy())
     _remember(memory, plant_state, lead, position)
     after = _as_memory(memory)
-    motion, biases, late = _motion(_as_memory(before), after, period), after.biases, after.late
+    # What an ideal sensor shows.
+    x, y, z = rotation_between(before.quaternion, after.quaternion)
+    dv = difference(after.velocity, before.velocity)
+    a = (dv[0] / period, dv[1] / period, dv[2] / period + GRAVITY)
+    specific_force = rotate_back(rotation_rows(before.quaternion), a)
+    motion = (x / period, y / period, z / period), specific_force
+    biases, late = after.biases, after.late
     row = np.empty(SAMPLE_SIZE)
-    row[0] = time + time_offset
+    row[AT_SAMPLE.time], values = time + time_offset, row[1:]
     for i in range(6):
         value = dot(axes[i // 3, i % 3], motion[i // 3]) + biases[i] + sigmas[i] * noise[i]
-        row[1 + i] = min(max(value, -ranges[i]), ranges[i])
+        values[i] = min(max(value, -ranges[i]), ranges[i])
         biases[i] += walk[i] * noise[6 + i]
     last = late if len(late) else shown
     if failure == _LOST:
-        row[0] = -1.0
+        row[AT_SAMPLE.time] = -1.0
     elif failure == _NAN:
-        row[1:] = np.nan
+        values[:] = np.nan
     elif failure == _STUCK:
-        row[1:] = last[1:SAMPLE_SIZE]
+        values[:] = last[1:SAMPLE_SIZE]
     elif failure == _SATURATED:
-        row[1:] = ranges
+        values[:] = ranges
     if len(late):
         newest = row
         row = late[-SAMPLE_SIZE:].copy()
         insert(late.reshape((-1, SAMPLE_SIZE)), newest)
-    if row[0] >= 0.0:
+    if row[AT_SAMPLE.time] >= 0.0:
         insert(shown.reshape((-1, SAMPLE_SIZE)), row)
-
-
-@compilable
-def _motion(before, after, period):
-    """Returns mean angular velocity (rad/s) and specific force (m/s^2) of an ideal IMU.
-
-    Args:
-        before, after: ImuMemory at the ends of the period (s).
-    """
-    x, y, z = rotation_between(before.quaternion, after.quaternion)
-    dv = difference(after.velocity, before.velocity)
-    a = (dv[0] / period, dv[1] / period, dv[2] / period + GRAVITY)
-    force = rotate_back(rotation_rows(before.quaternion), a)
-    return (x / period, y / period, z / period), force

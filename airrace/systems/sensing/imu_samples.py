@@ -30,7 +30,7 @@ class ImuSample(NamedTuple):
 
 _PACKING = Packing(ImuSample, angular_velocity=3, specific_force=3)
 as_sample, sample_vector, SAMPLE_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
-_AT = _PACKING.at
+AT_SAMPLE = _PACKING.at
 
 IMU_DEPTH = 10  # samples in a vector, so that a reader may miss some
 IMU_SIZE = IMU_DEPTH * SAMPLE_SIZE
@@ -49,11 +49,10 @@ class ImuSamples(NamedTuple):
     specific_force: np.ndarray
 
 
-@compilable
 def as_samples(vector: np.ndarray) -> ImuSamples:
     """Returns the parts of a vector of n samples, (7 n,), as views of it."""
     rows = vector.reshape((-1, SAMPLE_SIZE))
-    return ImuSamples(rows[:, _AT.time], rows[:, _AT.angular_velocity], rows[:, _AT.specific_force])
+    return ImuSamples(*(rows[:, at] for at in AT_SAMPLE))
 
 
 @compilable

@@ -100,8 +100,7 @@ def trapezoid_durations(
         start_speed, cruise_speed: (m/s).
         acceleration: to and from the cruise speed (m/s^2).
 
-    Returns:
-        (m - 1,) in s; at least 0.2 s each.
+    Returns: (m - 1,) in s; at least 0.2 s each.
     """
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     total = max(knots[-1], 1e-3)

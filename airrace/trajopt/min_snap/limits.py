@@ -1,16 +1,13 @@
 """How near minimum-snap trajectories come to limits of speed and acceleration."""
 
 from math import perm
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import segment_coefficients
 from airrace.trajopt.min_snap.min_snap import MinSnapProblem
-
-if TYPE_CHECKING:
-    from pydrake.trajectories import PiecewisePolynomial
 
 _SAMPLES = 50  # of a segment, which bracket the peaks
 _NEAR = 0.9  # of the greatest square: lesser peaks are not refined
@@ -29,13 +26,12 @@ def slowdown_factor(problem: MinSnapProblem, durations: np.ndarray, limits: np.n
     return float(max(speed / limits[0], (acceleration / limits[1]) ** 0.5))
 
 
-def peak_speed_and_acceleration(trajectory: "PiecewisePolynomial") -> tuple[float, float]:
+def peak_speed_and_acceleration(trajectory: PiecewisePolynomial) -> tuple[float, float]:
     """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
 
     Both are norms over x, y, z, without gravity, good to about nine digits.
 
-    Args:
-        trajectory: PiecewisePolynomial whose first three rows are x, y, z.
+    Args: trajectory: PiecewisePolynomial whose first three rows are x, y, z.
     """
     durations = np.diff(trajectory.get_segment_times())
     coefficients = np.swapaxes(segment_coefficients(trajectory)[:, :3], 1, 2)
@@ -105,11 +101,9 @@ class LimitSamples:
     def __call__(self, durations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the samples, (count,), and their Jacobian, (count, segments).
 
-        Args:
-            durations: of the segments (s).
+        Args: durations: of the segments (s).
 
-        Returns:
-            two arrays, of NaN if the durations are too unlike each other.
+        Returns: two arrays, of NaN if the durations are too unlike each other.
         """
         problem, T = self._problem, durations[:, None, None]
         try:

@@ -53,8 +53,7 @@ def solve_min_snap(
         waypoints, options: see MinSnapProblem.
         durations: of the segments (s): one fewer than waypoints, or as many if periodic.
 
-    Returns:
-        a PiecewisePolynomial with d rows from time 0 to sum(durations).
+    Returns: a PiecewisePolynomial with d rows from time 0 to sum(durations).
 
     Raises:
         ValueError: if the input is malformed.

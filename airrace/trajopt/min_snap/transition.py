@@ -33,8 +33,7 @@ def plan_transition_from_hover(
         dimensions: of the lap, 3, 4 or 6, see plan_circuit().
         constraints: see plan_circuit().
 
-    Returns:
-        (transition, phase): and the time on the circuit at which it is joined (s).
+    Returns: (transition, phase): and the time on the circuit at which it is joined (s).
 
     Raises:
         TrajectoryOptimizationError: if none is within the limits.

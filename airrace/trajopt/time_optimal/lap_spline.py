@@ -195,9 +195,7 @@ def _knots(pieces: int) -> np.ndarray:
 def basis(pieces: int, fractions: tuple) -> np.ndarray:
     """Returns what the coefficients of a leg give at fractions of its duration.
 
-    Args:
-        pieces: of the spline.
-        fractions: of the leg, from 0 to 1.
+    Args: pieces: of the spline. fractions: of the leg, from 0 to 1.
 
     Returns:
         (5, samples, pieces + 5), from LapSpline.coefficients() to

@@ -2,9 +2,9 @@
 
 import contextlib
 import dataclasses as dc
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import FlightCheck, check_flight, passes_forward, sample_times
@@ -19,9 +19,6 @@ from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCirc
 from airrace.trajopt.time_optimal.path_terms import angle_cost
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 from airrace.trajopt.time_optimal.visibility import keep_in_view
-
-if TYPE_CHECKING:
-    from pydrake.trajectories import PiecewisePolynomial
 
 _FINE = 120  # samples of each leg in the last check
 _PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
@@ -136,7 +133,7 @@ def _refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
 
 def _finish(
     lap: LapSpline, search: LapSearch
-) -> "tuple[LapSpline, PiecewisePolynomial, FlightCheck]":
+) -> tuple[LapSpline, PiecewisePolynomial, FlightCheck]:
     """Returns the lap slowed until it keeps its limits at 1 kHz, as polynomial, and its check."""
     gates, constraints = search.gates, search.constraints
     lap = lap.dilated(1.0 + _LEAST_SLOWING)

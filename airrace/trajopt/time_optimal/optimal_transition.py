@@ -55,8 +55,7 @@ def plan_optimal_transition(
         old: a flight that leads from the start nearly to gate 1, to begin the search
             with: from time to the same as start.
 
-    Returns:
-        (transition, phase): and the time on the circuit at which it is joined (s).
+    Returns: (transition, phase): and the time on the circuit at which it is joined (s).
 
     Raises:
         TrajectoryOptimizationError: if none was found within the limits.

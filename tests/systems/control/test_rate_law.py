@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.systems.control.rate_law import make_rate_parameters, rate_law, set_prioritized_thrusts
+from airrace.systems.control.rate_law import make_rate_parameters, rate_law, set_limited_thrusts
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import State, state_vector
 
 RATE = 500.0
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
@@ -18,8 +19,14 @@ shares = st.floats(-1.0, 1.0)
 def thrusts_for(drone, f, moment):
     p = PARAMETERS[drone]
     thrusts = np.empty(len(p.max_thrusts))
-    set_prioritized_thrusts(thrusts, f, tuple(moment), p.inverse, p.max_thrusts)
+    set_limited_thrusts(thrusts, f, tuple(moment), p.inverse, p.max_thrusts)
     return thrusts
+
+
+def turning(w):
+    """Returns the state of a level drone with an angular velocity, (14,)."""
+    zero = np.zeros(3)
+    return state_vector(State(0.0, np.array([1.0, 0.0, 0.0, 0.0]), zero, w, zero))
 
 
 def most(drone):
@@ -65,7 +72,7 @@ def test_a_hover_is_kept(drone):
     weight = vehicle.mass * GRAVITY
     speeds = np.sqrt(p.inverse[:, 0] * weight / p.thrust_coefficients)
     command = np.empty(len(speeds))
-    rate_law(command, np.array([weight, 0, 0, 0]), np.zeros(3), speeds, p)
+    rate_law(command, np.array([weight, 0, 0, 0]), turning(np.zeros(3)), speeds, tuple(p))
     np.testing.assert_allclose(command, speeds, rtol=1e-9)
 
 
@@ -77,7 +84,7 @@ def test_a_spin_about_one_axis_is_not_turned_into_another(drone):
     speeds = np.sqrt(p.inverse[:, 0] * f / p.thrust_coefficients)
     # Rotors without lag: the commands are the speeds.
     command = np.empty(len(speeds))
-    rate_law(command, np.array([f, *w]), w, speeds, p._replace(overdrive=1.0))
+    rate_law(command, np.array([f, *w]), turning(w), speeds, tuple(p._replace(overdrive=1.0)))
     _, *moment = vehicle.allocation @ (p.thrust_coefficients * command**2)
     J = np.array(vehicle.inertia)
     np.testing.assert_allclose((moment - np.cross(w, J * w)) / J, 0.0, atol=1e-9)

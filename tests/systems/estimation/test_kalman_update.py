@@ -3,15 +3,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airrace.math.quaternion import rotation_matrix
 from airrace.systems.estimation import kalman_update as ku
 from airrace.systems.estimation.error_state import corrected
 from airrace.systems.estimation.gate_projection import predicted_corners
 from airrace.systems.estimation.navigation import as_navigation, navigation_vector
-from airrace.systems.estimation.world_heading import (
-    carried_covariance,
-    heading_gradient,
-    turn_of_the_world,
-)
+from airrace.systems.estimation.world_heading import carried_covariance, turn_of_the_world
 from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation, numerical
 
 GATES = np.array([[20.0, 1.0, 6.25, 0.1, 10.0], [25.0, -8.0, 6.25, -0.6, 10.0]])
@@ -72,7 +69,7 @@ def test_the_covariance_shrinks_and_stays_one(seed):
     n_before, n_after = (
         turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (before, after)
     )
-    w = heading_gradient(as_navigation(before.navigation))
+    w = ku.body_axes(before)[2]
     P = carried_covariance(before.covariance, n_after - n_before, w)
     assert np.linalg.eigvalsh(P - after.covariance).min() > -1e-10
 
@@ -113,7 +110,7 @@ def test_a_relative_covariance_is_that_of_what_the_drone_has_before_itself():
     def before_the_drone(error):
         """Returns the gate as seen from the drone, in its heading."""
         drone, gates = corrected(start, error), belief.gates + error[15:].reshape(-1, 5)
-        turn = -(heading_gradient(start) @ error[:3])  # back
+        turn = -(rotation_matrix(start.quaternion)[2] @ error[:3])  # back
         offset = gates[1, :3] - drone.position
         c, s = np.cos(turn), np.sin(turn)
         x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]

@@ -43,27 +43,17 @@ def test_the_direction_is_that_of_a_turn_of_the_world(seed):
     np.testing.assert_allclose(errors / 1e-6, wh.turn_of_the_world(state, gates), atol=1e-4)
 
 
-def two_turns(seed):
-    """Returns a belief, the direction of a turn of the world there, and that at another one."""
+@given(seeds)
+def test_a_covariance_is_carried_over_as_a_turn_of_the_world_is(seed):
     rng = np.random.default_rng(seed)
-    beliefs = draw(rng), draw(rng)
-    turns = (wh.turn_of_the_world(as_navigation(each.navigation), each.gates) for each in beliefs)
-    return beliefs[0], *turns
-
-
-@given(seeds)
-def test_a_turn_before_is_the_same_turn_after(seed):
-    a, before, after = two_turns(seed)
-    w = wh.heading_gradient(as_navigation(a.navigation))
-    columns = wh.carried_over(before[:, np.newaxis], after - before, w)
-    np.testing.assert_allclose(columns[:, 0], after, atol=1e-12)
-
-
-@given(seeds)
-def test_a_covariance_is_carried_over_as_its_errors_are(seed):
-    a, before, after = two_turns(seed)
-    w, P = wh.heading_gradient(as_navigation(a.navigation)), a.covariance
-    G = wh.carried_over(np.eye(len(P)), after - before, w)
+    a, b = draw(rng), draw(rng)
+    before, after = (
+        wh.turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (a, b)
+    )
+    w, P = ku.body_axes(a)[2], a.covariance
+    G = np.eye(len(P))
+    G[:, :3] += np.outer(after - before, w)
+    np.testing.assert_allclose(G @ before, after, atol=1e-12)
     carried = wh.carried_covariance(P, after - before, w)
     np.testing.assert_allclose(carried, G @ P @ G.T, atol=1e-12)
 

@@ -162,7 +162,7 @@ def fly(silent, until):
     plant.SetVelocities(plant_context, np.array([1.0, -2.0, 0.5, 8.0, 3.0, 0.0]))
     m = watchdog.recall(watchdog.GetMyContextFromRoot(context))
     m = m._replace(pad=0.0, airborne=1.0)
-    watchdog.GetMyMutableContextFromRoot(context).SetDiscreteState(0, np.array(m))
+    watchdog.GetMyMutableContextFromRoot(context).SetDiscreteState(0, np.hstack(m))
     simulator.Initialize()
     simulator.AdvanceTo(until)
     data = log.FindLog(context)

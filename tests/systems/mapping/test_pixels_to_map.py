@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.scenario import CORNERS, MAP_ESTIMATORS, POSES, PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.perception.aruco_detector import DetectorState, detect
-from airrace.systems.perception.detector_config import DetectorConfig
+from airrace.systems.perception.marker_measurement import DetectorConfig
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from tests.systems.perception.marker_pictures import FACING, INFO, picture

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.scenario import CORNERS, POSES
 from airrace.systems.perception import detection_checks as checks
 from airrace.systems.perception.aruco_detector import ArucoDetector, DetectorState, detect
-from airrace.systems.perception.detector_config import DetectorConfig
+from airrace.systems.perception.marker_measurement import DetectorConfig
 from airrace.systems.perception.marker_search import MarkerSearch, make_detector
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.track import MARKER_SIZE

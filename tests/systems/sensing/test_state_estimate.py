@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.sensing.state_estimate import StateEstimate, plant_lead
+from airrace.systems.sensing.state_estimate import StateEstimate, TrueEstimate, plant_lead
 from airrace.vehicle.state import as_state
 
 TRUTH = np.array([1.0, 0, 0, 0, 1, 2, 3, 0.1, 0.2, 0.3, 10, -5, 1])
@@ -78,3 +78,13 @@ def test_at_the_time_of_a_step_and_of_what_has_no_steps():
     assert plant_lead(3 * 0.001, 0.001) == pytest.approx(0.0, abs=1e-15)
     assert plant_lead(0.005, 0.002) == pytest.approx(0.001)
     assert plant_lead(0.1234, 0.0) == 0.0
+
+
+def test_a_true_estimate_is_the_truth_with_its_time():
+    system = TrueEstimate()
+    context = system.CreateDefaultContext()
+    context.SetTime(2.5)
+    state = np.arange(13.0)
+    system.get_input_port().FixValue(context, state)
+    estimate = system.get_output_port().Eval(context)
+    np.testing.assert_array_equal(estimate, [2.5, *state])

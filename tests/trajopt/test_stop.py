@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from airrace.systems.exploring.landing import Landing
 from airrace.trajopt.reference import as_reference
-from airrace.trajopt.stop import Stop
+from airrace.trajopt.stop import Landing, Stop
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 PERIOD = 0.01  # s

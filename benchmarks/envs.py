@@ -17,7 +17,7 @@ import sys
 import gymnasium
 import numpy as np
 
-from airrace.envs.registration import register_envs
+from airrace.envs import register_envs
 from benchmarks import harness
 from benchmarks.peers import circle, steps
 from benchmarks.peers import environments as env

@@ -30,12 +30,10 @@ diagrams/transport.py                    hitl/link/test_lockstep.py
 diagrams/variants.py                     diagrams/test_autonomy.py
 diagrams/world.py                        diagrams/test_simulation.py
 envs/batch/courses.py                    envs/batch/test_contact.py
-envs/batch/fleet.py                      envs/batch/test_dynamics.py
-envs/batch/lanes.py                      envs/batch/test_dynamics.py
+envs/batch/fleet.py                      envs/batch/test_lanes.py
 envs/batch/step.py                       envs/batch/test_vector_env.py
 envs/env_diagram.py                      envs/test_race_env.py
 envs/options.py                          envs/test_race_env.py
-envs/registration.py                     envs/test_race_env.py
 envs/spectator.py                        envs/test_race_env.py
 envs/start.py                            envs/test_race_env.py
 evaluation/jobs.py                       evaluation/test_worker.py

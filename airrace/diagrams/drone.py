@@ -15,7 +15,7 @@ from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 from airrace.diagrams.world import World
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.rendering.scene.pad import AddPad
+from airrace.rendering.scene.scenery import AddPad
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag

@@ -13,7 +13,21 @@ imported. See docs/learning.md::
 
 import importlib.util
 
-from airrace.envs.registration import register_envs
+ID = "airrace/Race-v0"
+
+
+def register_envs() -> None:
+    """Tells Gymnasium of the environments, once; the import of this package calls it."""
+    from gymnasium.envs.registration import register, registry
+
+    if ID not in registry:
+        register(
+            id=ID,
+            entry_point="airrace.envs.race_env:RaceEnv",
+            vector_entry_point="airrace.envs.batch.vector_env:RaceVectorEnv",
+            order_enforce=True,
+        )
+
 
 if importlib.util.find_spec("gymnasium"):  # of the extra `rl`
     register_envs()

@@ -38,20 +38,24 @@ def action_scale(kind: str, vehicle: Vehicle) -> CommandScale:
     raise UserError(f"action must be one of {', '.join(KINDS)}, not '{kind}'.")
 
 
-def check_action(action: object, size: int) -> np.ndarray:
-    """Returns an action as an array of float64, (size,).
+def check_action(action: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Returns an action, or those of many drones, as an array of float64 of a shape.
 
     Raises:
         ValueError: if it has another shape, or a number that is not finite.
     """
     try:
-        result = np.asarray(action, float)
+        result = np.asarray(action, float, order="C")
     except (TypeError, ValueError):
         raise ValueError(
-            f"The action must be an array of {size} numbers from -1 to 1, not {action!r}."
+            f"The action must be an array of numbers from -1 to 1, not {action!r}."
         ) from None
-    if result.shape != (size,):
-        raise ValueError(f"The action must have the shape ({size},), not {result.shape}: {action}.")
-    if not np.isfinite(result).all():
-        raise ValueError(f"The action must be finite numbers from -1 to 1, not {action}.")
+    if result.shape != shape:
+        raise ValueError(f"The action must have the shape {shape}, not {result.shape}: {action}.")
+    for index in np.argwhere(~np.isfinite(result)):
+        whose = "".join(f" of drone {drone}" for drone in index[:-1])
+        raise ValueError(
+            f"The action must be finite numbers from -1 to 1, but that{whose} is "
+            f"{result[tuple(index[:-1])]}."
+        )
     return result

@@ -45,10 +45,7 @@ def MakeEnvDiagram(
     ``truth.referee_status``, ``truth.gate_shifts``, ``camera_image``, ``filtered_estimate`` and
     ``gate_map``.
 
-    Args:
-        scenario: of the world and what estimates.
-        action, observation: kinds, see action.py and observation.py.
-        meshcat: to show the world in, or None.
+    Args: action, observation: kinds, see EnvOptions. meshcat: to show the world in, or None.
 
     Raises:
         UserError: if something the scenario names cannot be had.

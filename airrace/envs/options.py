@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump
 
 from airrace.common.errors import UserError
-from airrace.envs import action, observation
+from airrace.envs import action
 from airrace.envs.reward import RewardWeights
 from airrace.envs.start import STARTS
 from airrace.scenario import Scenario, load_scenario
@@ -18,61 +18,47 @@ from airrace.scenario.camera_config import NO_CAMERA
 from airrace.scenario.checks import check_choice
 from airrace.track.map_files import TRACK
 
+OBSERVATIONS = ("gates", "estimate", "pixels")
 GENERATED = "generated"  # the track: a new one each episode
 LEVELS = (0, 1, 2, 3, 4)
 
 
 class StepInfo(NamedTuple):
-    """What a reward of one's own is made of.
+    """What a reward of one's own is made of."""
 
-    Attributes:
-        before, after: the drone's state at both ends of the step, see vehicle/state.py, (13,).
-        action: that was taken, -1 to 1, (m,).
-        gate: numbers of the opening that was next, see Opening, (15,).
-        passed: whether it was passed.
-        outcome: index of reward.REASONS.
-        reward: that of reward.judge().
-    """
-
+    #: before, after: the drone's state at both ends of the step, see vehicle/state.py, (13,)
     before: np.ndarray
     after: np.ndarray
-    action: np.ndarray
-    gate: np.ndarray
-    passed: bool
-    outcome: int
-    reward: float
+    action: np.ndarray  #: that was taken, -1 to 1, (m,)
+    gate: np.ndarray  #: numbers of the opening that was next, see Opening, (15,)
+    passed: bool  #: whether it was passed
+    outcome: int  #: index of reward.REASONS
+    reward: float  #: that of reward.judge()
 
 
 @dc.dataclass(frozen=True, kw_only=True)
 class EnvOptions:
-    """What ``gymnasium.make("airrace/Race-v0", ...)`` may be told.
+    """What ``gymnasium.make("airrace/Race-v0", ...)`` may be told."""
 
-    Attributes:
-        action: one of action.KINDS. observation: one of observation.KINDS.
-        gates: how many next gates are observed.
-        track: name of a shipped track, a file, or GENERATED.
-        drone: a shipped drone, or the folder of one.
-        level: difficulty, 0 to 4, as --level of a race.
-        scenario: fields of a race on top of that: a dict, or YAML.
-        start: "pad", at rest; "hover", over it; or "random", in front of some gate; see start.py.
-        laps: after which the episode is over; None: it goes on until the time is over.
-        time_limit: of an episode (s). step: time between two actions (s).
-        image_size: of ``pixels``, (height, width) px.
-        reward: RewardWeights, or a function of a StepInfo that returns a number.
-    """
-
-    action: str = "ctbr"
+    action: str = "ctbr"  #: one of action.KINDS
+    #: "gates": the drone's motion, and the openings of the next gates in its axes, of the truth,
+    #: see write_gates_observation(); "estimate": the same from what the drone itself estimates, and
+    #: with the map in the place of the track; "pixels": the camera's picture beside the drone's
+    #: motion. Numbers are in SI units and not scaled.
     observation: str = "gates"
-    gates: int = 2
-    track: str = "student-airrace"
-    drone: str = "Default"
-    level: int = 0
-    scenario: dict | str = ""
+    gates: int = 2  #: how many next gates are observed
+    track: str = "student-airrace"  #: name of a shipped track, a file, or GENERATED
+    drone: str = "Default"  #: a shipped drone, or the folder of one
+    level: int = 0  #: difficulty, 0 to 4, as --level of a race
+    scenario: dict | str = ""  #: fields of a race on top of that: a dict, or YAML
+    #: "pad", at rest; "hover", over it; or "random", in front of some gate; see start.py.
     start: str = "pad"
+    #: After which the episode is over; None: it goes on until the time is over.
     laps: int | None = None
-    time_limit: float = 30.0
-    step: float = 0.02
-    image_size: tuple[int, int] = (90, 160)
+    time_limit: float = 30.0  #: of an episode (s)
+    step: float = 0.02  #: time between two actions (s)
+    image_size: tuple[int, int] = (90, 160)  #: of ``pixels``, (height, width) px
+    #: RewardWeights, or a function of a StepInfo that returns a number.
     reward: RewardWeights | Callable[[StepInfo], float] = RewardWeights()
 
     @property
@@ -97,7 +83,7 @@ def make_options(**options: Any) -> EnvOptions:
             )
     result = EnvOptions(**options)
     check_choice("action", result.action, action.KINDS)
-    check_choice("observation", result.observation, observation.KINDS)
+    check_choice("observation", result.observation, OBSERVATIONS)
     check_choice("start", result.start, STARTS)
     if result.level not in LEVELS:
         raise UserError(f"level must be one of {', '.join(map(str, LEVELS))}, not {result.level}.")
@@ -150,13 +136,7 @@ def make_scenario(options: EnvOptions) -> Scenario:
             scenario.state_noise = "none"
     scenario.laps = 10  # ample: the referee only says what was touched
     scenario.referee.time_limit = 10.0 * options.time_limit
-    _check_step(options, scenario)
-    scenario.check()
-    return scenario
-
-
-def _check_step(options, scenario):
-    """Checks that actions come at ticks of the rotors."""
+    # Actions come at ticks of the rotors.
     for name, rate in (("rotors", scenario.rotors.rate), ("controller", scenario.controller.rate)):
         ticks = options.step * rate
         if abs(ticks - round(ticks)) > 1e-6 or ticks < 0.5:
@@ -164,6 +144,8 @@ def _check_step(options, scenario):
                 f"step must be a multiple of the period of {name}.rate, {1 / rate:g} s, "
                 f"not {options.step:g} s."
             )
+    scenario.check()
+    return scenario
 
 
 def depends_on_seed(scenario: Scenario) -> bool:

@@ -17,7 +17,6 @@ from airrace.diagrams.simulation import set_bodies
 from airrace.envs import reward
 from airrace.envs.action import action_scale, check_action
 from airrace.envs.env_diagram import MakeEnvDiagram
-from airrace.envs.observation import gates_of_map, gates_of_track, write_gates_observation
 from airrace.envs.options import (
     GENERATED,
     EnvOptions,
@@ -29,9 +28,15 @@ from airrace.envs.options import (
 from airrace.envs.reward import NEVER, REASONS, RUNNING, RewardWeights, judge, make_course
 from airrace.envs.spectator import Spectator
 from airrace.envs.start import draw_start, hover_start
-from airrace.scenario import Scenario, scenario_yaml
+from airrace.scenario import scenario_yaml
 from airrace.systems.policy.command_scale import scaled
-from airrace.systems.policy.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
+from airrace.systems.policy.gates_observation import (
+    GATE_SIZE,
+    MOTION_SIZE,
+    map_openings,
+    observation_size,
+    write_gates_observation,
+)
 from airrace.track import Track, load_track
 from airrace.track.gate_opening import OPENING_SIZE
 from airrace.track.generator import generate_track
@@ -71,9 +76,7 @@ class RaceEnv(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self._options.step)}
         self._scenario = make_scenario(self._options)
         if self._options.track != GENERATED:
-            load_track(
-                self._scenario.track, markers=True
-            )  # so that it is refused now if it cannot be raced
+            load_track(self._scenario.track, markers=True)  # so that it is refused now, if at all
         self._folder = tempfile.TemporaryDirectory(prefix="airrace-")  # of generated tracks
         self._vehicle = load_vehicle(self._scenario.drone)[0]
         self.action_scale = action_scale(self._options.action, self._vehicle)
@@ -120,7 +123,7 @@ class RaceEnv(gymnasium.Env):
             ValueError: if the action has another shape, or is not finite; the episode goes on.
             gymnasium.error.ResetNeeded: if the episode is over.
         """
-        action = check_action(action, len(self.action_scale.center))
+        action = check_action(action, self.action_space.shape)
         if self._over:
             raise gymnasium.error.ResetNeeded(
                 "The episode is over, or has not begun: call reset() before step()."
@@ -186,14 +189,14 @@ class RaceEnv(gymnasium.Env):
         if self.render_mode == "human":
             self._spectator = self._spectator or Spectator(self._vehicle)
             self._spectator.begin(self._track)
-        key = _key(scenario, self._track)
+        # What tells two worlds apart.
+        key = scenario_yaml(scenario) + yaml_dump_typed(self._track, schema=Track)
         if self._built is None or self._built[0] != key:
-            meshcat = self._spectator and self._spectator.meshcat
             diagram = MakeEnvDiagram(
                 scenario,
                 action=self._options.action,
                 observation=self._options.observation,
-                meshcat=meshcat,
+                meshcat=self._spectator and self._spectator.meshcat,
             )
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -205,7 +208,7 @@ class RaceEnv(gymnasium.Env):
         self._simulator.reset_context(self._diagram.CreateDefaultContext())
         self._context: Context = self._simulator.get_mutable_context()
         self._passed, self._airborne = 0, False
-        self._standing = float(self._state()[6])
+        standing = float(self._state()[6])
         if self._options.start != "pad":
             at_random = self._options.start == "random"
             start = draw_start(self._track, self._seed) if at_random else hover_start(self._track)
@@ -218,22 +221,17 @@ class RaceEnv(gymnasium.Env):
                 w_WB=start.w_WB,
                 v_WB=start.v_WB,
             )
-        self._first = self._passed
-        self._course = self._make_course()
-        self._command(np.zeros(len(self.action_scale.center)))
-        self._simulator.Initialize()
-
-    def _make_course(self):
-        laps = self._options.laps
-        goal = NEVER
-        if laps is not None:
-            goal = self._first + laps * len(self._track.gates) + 1
-        return make_course(
+        self._first, goal = self._passed, NEVER
+        if self._options.laps is not None:
+            goal = self._first + self._options.laps * len(self._track.gates) + 1
+        self._course = make_course(
             self._track,
             goal=goal,
-            arena_margin=self._scenario.referee.arena_margin,
-            standing_height=self._standing,
+            arena_margin=scenario.referee.arena_margin,
+            standing_height=standing,
         )
+        self._command(np.zeros(len(self.action_scale.center)))
+        self._simulator.Initialize()
 
     def _command(self, command):
         """Sets the input of the diagram to what an action stands for."""
@@ -274,8 +272,10 @@ class RaceEnv(gymnasium.Env):
 
     def _gates(self) -> np.ndarray:
         """Returns the openings of the gates where they stand now, (n, 15)."""
-        shifts = self._shifts()
-        return self._course.gates if shifts is None else gates_of_track(self._track, shifts)
+        gates, shifts = self._course.gates, self._shifts()
+        if shifts is None:
+            return gates
+        return np.column_stack([gates[:, :2] + shifts.reshape(-1, 2), gates[:, 2:]])
 
     def _known_state(self):
         """Returns the State that the policy is shown: the truth, or an estimate of it."""
@@ -294,16 +294,12 @@ class RaceEnv(gymnasium.Env):
         if self._options.observation == "gates":
             write_gates_observation(result, state, self._gates(), self._passed, action)
             return result
-        known = self._eval("gate_map")
-        return self._observe_map(result, state, known)
-
-    def _observe_map(self, result, state, known):
-        """Writes the observation of a map; the corners of gates that it has not are zero."""
-        numbers = {gate.number: row for gate, row in zip(known.gates, gates_of_map(known))}
+        known = self._eval("gate_map")  # the corners of gates that it has not are zero
+        numbers = {gate.number: row for gate, row in zip(known.gates, map_openings(known.gates))}
         n = len(self._track.gates)
         wanted = [(self._passed + i) % n for i in range(self._options.gates)]
         gates = np.array([numbers.get(i, np.zeros(10)) for i in wanted])
-        write_gates_observation(result, state, gates, 0, self._last_action)
+        write_gates_observation(result, state, gates, 0, action)
         for i, number in enumerate(wanted):
             if number not in numbers:
                 result[MOTION_SIZE + GATE_SIZE * i : MOTION_SIZE + GATE_SIZE * (i + 1)] = 0.0
@@ -368,8 +364,3 @@ def _observation_space(options: EnvOptions, actions: int) -> gymnasium.Space:
         )
     size = observation_size(options.gates, actions)
     return Box(-np.inf, np.inf, (size,), np.float32)
-
-
-def _key(scenario: Scenario, track: Track) -> str:
-    """Returns what tells two worlds apart."""
-    return scenario_yaml(scenario) + yaml_dump_typed(track, schema=Track)

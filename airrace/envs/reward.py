@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math.vec3 import dot
+from airrace.math.triples import difference, dot
 from airrace.systems.sensing.contact_names import TAKE_OFF
 from airrace.track import Track
 from airrace.track.gate_opening import find
@@ -18,53 +18,31 @@ NEVER = 2**62  # gates to pass, of an episode without a last lap
 
 
 class RewardWeights(NamedTuple):
-    """What a step is worth; see judge().
+    """What a step is worth; see judge()."""
 
-    Attributes:
-        progress: of a metre nearer to the next gate.
-        rates: cost of squared body rates, of a (rad/s)^2 a step.
-        gate: of a gate that was passed.
-        failure: of the end by a collision, a missed gate, or an arena left.
-    """
-
-    progress: float = 1.0
-    rates: float = 5e-4
-    gate: float = 10.0
-    failure: float = -10.0
+    progress: float = 1.0  #: of a metre nearer to the next gate
+    rates: float = 5e-4  #: cost of squared body rates, of a (rad/s)^2 a step
+    gate: float = 10.0  #: of a gate that was passed
+    failure: float = -10.0  #: of the end by a collision, a missed gate, or an arena left
 
 
 class CourseNumbers(NamedTuple):
-    """What the flight is judged by.
+    """What the flight is judged by."""
 
-    Attributes:
-        gates: numbers of their openings, (n, 15), see Opening.
-        goal: number of gates to pass until it is finished.
-        take_off_height: of the body's origin, above which the drone flies (m).
-        arena_min: x and y of the arena (m), (2,).
-        arena_max: its x, y and z (m), (3,).
-    """
-
-    gates: np.ndarray
-    goal: int
-    take_off_height: float
-    arena_min: np.ndarray
-    arena_max: np.ndarray
+    gates: np.ndarray  #: numbers of their openings, (n, 15), see Opening
+    goal: int  #: number of gates to pass until it is finished
+    take_off_height: float  #: of the body's origin, above which the drone flies (m)
+    arena_min: np.ndarray  #: x and y of the arena (m), (2,)
+    arena_max: np.ndarray  #: its x, y and z (m), (3,)
 
 
 class Judgement(NamedTuple):
-    """What a step comes to.
+    """What a step comes to."""
 
-    Attributes:
-        reward: see judge().
-        outcome: RUNNING, or why the episode is over: an index of REASONS.
-        passed: gates that were passed so far.
-        airborne: whether the drone has taken off.
-    """
-
-    reward: float
-    outcome: int
-    passed: int
-    airborne: bool
+    reward: float  #: see judge()
+    outcome: int  #: RUNNING, or why the episode is over: an index of REASONS
+    passed: int  #: gates that were passed so far
+    airborne: bool  #: whether the drone has taken off
 
 
 def make_course(
@@ -73,19 +51,13 @@ def make_course(
     """Returns a track as judge() takes it.
 
     Args:
-        track: with the true gates.
         goal: number of gates to pass: n laps from gate 1 to gate 1 are n times all, and one.
         arena_margin: how far beyond the outermost pylons, and above the ground, it reaches (m).
         standing_height: of the body's origin when the drone stands on its pad (m).
     """
     arena_min, arena_max = track.arena(arena_margin)
-    return CourseNumbers(
-        gates=track.openings(),
-        goal=int(goal),
-        take_off_height=float(standing_height + TAKE_OFF),
-        arena_min=arena_min,
-        arena_max=arena_max,
-    )
+    height = float(standing_height + TAKE_OFF)
+    return CourseNumbers(track.openings(), int(goal), height, arena_min, arena_max)
 
 
 @compilable
@@ -116,13 +88,15 @@ def judge(
         touched: whether anything pushed the drone during the step.
         passed: gates that were passed before. airborne: whether the drone had taken off before.
         course: with the gates where they stand.
-        weights: of the reward.
     """
     airborne = airborne or p[2] > course.take_off_height
     gate = course.gates[passed % len(course.gates)]
     share, _ = find(gate, before, p)
-    reward = weights.progress * (_distance(before, gate) - _distance(p, gate))
-    reward -= weights.rates * dot(w, w)
+    from_gate, to_gate = difference(before, gate), difference(p, gate)
+    progress = math.sqrt(dot(from_gate, from_gate)) - math.sqrt(dot(to_gate, to_gate))
+    reward = weights.progress * progress - weights.rates * dot(w, w)
+    lowest, highest = course.arena_min, course.arena_max
+    is_inside = lowest[0] < p[0] < highest[0] and lowest[1] < p[1] < highest[1]
     outcome = RUNNING
     if not math.isfinite(p[0] + p[1] + p[2]):
         reward, outcome = 0.0, DIVERGED
@@ -133,30 +107,10 @@ def judge(
         reward += weights.gate
         if passed >= course.goal:
             outcome = FINISHED
-    elif _ahead(before, gate) < 0.0 <= _ahead(p, gate):
+    elif dot(gate[3:6], from_gate) < 0.0 <= dot(gate[3:6], to_gate):
         outcome = MISSED_GATE
-    elif not _inside(p, course.arena_min, course.arena_max):
+    elif not (is_inside and p[2] < highest[2]):
         outcome = LEFT_ARENA
     if outcome not in (RUNNING, FINISHED):
         reward += weights.failure
     return Judgement(reward, outcome, passed, airborne)
-
-
-@compilable
-def _distance(p, gate):
-    """Returns how far a position is from the midpoint of a gate (m)."""
-    d = (p[0] - gate[0], p[1] - gate[1], p[2] - gate[2])
-    return math.sqrt(dot(d, d))
-
-
-@compilable
-def _inside(p, lowest, highest):
-    """Whether a position is in the arena, element by element: new arrays take time."""
-    sideways = lowest[0] < p[0] < highest[0] and lowest[1] < p[1] < highest[1]
-    return sideways and p[2] < highest[2]
-
-
-@compilable
-def _ahead(p, gate):
-    """Returns how far a position is beyond the plane of a gate, in the direction of flight (m)."""
-    return gate[3] * (p[0] - gate[0]) + gate[4] * (p[1] - gate[1])

@@ -17,11 +17,7 @@ _BEHIND, _ABOVE = 4.0, 1.5  # m, of the camera that flies along
 
 
 class Spectator:
-    """Who watches the drone of an environment.
-
-    Attributes:
-        meshcat: of the page, after begin().
-    """
+    """Who watches the drone of an environment; its meshcat is that of the page, after begin()."""
 
     def __init__(self, vehicle: Vehicle):
         """Args: vehicle: with the camera."""
@@ -54,9 +50,7 @@ class Spectator:
     ) -> np.ndarray:
         """Returns what the drone's camera sees, (360, 640, 3), uint8.
 
-        Args:
-            track: of the episode. state: of the plant, (13,).
-            shifts: of gates that move, (2 n,) m.
+        Args: state: of the plant, (13,). shifts: of gates that move, (2 n,) m.
         """
         if self._renderer is None or self._renderer[0] is not track:
             self._renderer = track, PlanarRenderer(track, self._info)

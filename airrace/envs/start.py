@@ -17,17 +17,12 @@ SPEED, RATE = 1.0, 0.3  # m/s and rad/s, of each component
 
 
 class FlyingStart(NamedTuple):
-    """A drone in front of a gate, hovering, but for a little.
+    """A drone in front of a gate, hovering, but for a little."""
 
-    Attributes:
-        gate: index of the gate, from 0.
-        X_WB: pose. w_WB: (rad/s), (3,). v_WB: (m/s), (3,).
-    """
-
-    gate: int
-    X_WB: RigidTransform
-    w_WB: np.ndarray
-    v_WB: np.ndarray
+    gate: int  #: index of the gate, from 0
+    X_WB: RigidTransform  #: pose
+    w_WB: np.ndarray  #: (rad/s), (3,)
+    v_WB: np.ndarray  #: (m/s), (3,)
 
 
 def draw_start(track: Track, seed: int) -> FlyingStart:

@@ -15,10 +15,7 @@ def make_generator(seed: int, name: str, block: int = 0) -> np.random.Generator:
     Sources with different names are independent, so that a new source never
     changes the numbers of the others.
 
-    Args:
-        seed: the scenario's seed, >= 0.
-        name: of the source, e.g. ``"state_estimate"``.
-        block: of a longer sequence, see NoiseSequence.
+    Args: seed: the scenario's, >= 0. block: of a longer sequence, see NoiseSequence.
     """
     return np.random.default_rng([seed, zlib.crc32(name.encode()), block])
 

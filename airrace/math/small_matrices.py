@@ -80,11 +80,7 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 @compiled
 def cholesky(A: np.ndarray) -> np.ndarray:
-    """Returns L with L L^T = A, lower triangular, (n, n).
-
-    Args:
-        A: symmetric and positive definite, (n, n); if it is not, L has NaN.
-    """
+    """Returns L with L L^T = A, lower triangular, (n, n); NaN unless A is positive definite."""
     n = len(A)
     L = np.zeros((n, n))
     for j in range(n):
@@ -98,23 +94,14 @@ def cholesky(A: np.ndarray) -> np.ndarray:
 
 @compiled
 def solve_lower(L: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns L^-1 b, (n,), of a lower triangular matrix (n, n)."""
-    x = np.empty(len(L))
+    """Returns L^-1 b of a lower triangular matrix (n, n), for one b, (n,), or m of them, (n, m)."""
+    x = np.empty(b.shape)
     for i in range(len(L)):
         rest = b[i]
         for k in range(i):
-            rest -= L[i, k] * x[k]
+            rest = rest - L[i, k] * x[k]
         x[i] = rest / L[i, i]
     return x
-
-
-@compiled
-def solve_lower_each(L: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Returns B L^-T, (m, n): solve_lower() of every row of B, (m, n)."""
-    X = np.empty(B.shape)
-    for m in range(len(B)):
-        X[m] = solve_lower(L, B[m])
-    return X
 
 
 @compiled
@@ -131,12 +118,7 @@ def solve_upper(L: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @compiled
 def solve_cholesky(L: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns x with L L^T x = b, (n,).
-
-    Args:
-        L: see cholesky().
-        b: (n,).
-    """
+    """Returns x with L L^T x = b, (n,); L: see cholesky(); b: (n,)."""
     return solve_upper(L, solve_lower(L, b))
 
 

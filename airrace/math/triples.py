@@ -80,13 +80,7 @@ def rotation_rows(q: Quaternion) -> Rows:
 
 @compilable
 def quaternion_added(q: Quaternion, factor: float, w_W: Triple) -> Quaternion:
-    """Returns q + factor N(q) w_W, where N(q) w_W is the derivative of q.
-
-    Args:
-        q: of R_WB, [w, x, y, z], of any length.
-        factor: a time (s).
-        w_W: angular velocity in the world (rad/s).
-    """
+    """Returns q + factor N(q) w_W, where N(q) w_W is the derivative of q; see integrate()."""
     w, x, y, z = q
     b, c, d = 0.5 * factor * w_W[0], 0.5 * factor * w_W[1], 0.5 * factor * w_W[2]
     return (
@@ -131,10 +125,7 @@ def integrate(q: Quaternion, w_W: Triple, dt: float) -> Quaternion:
 
     It is the product of [1, w dt / 2] and q, normalised: exact to second order.
 
-    Args:
-        q: before, of any length.
-        w_W: angular velocity in the world (rad/s).
-        dt: may be negative (s).
+    Args: q: [w, x, y, z] before, of any length. w_W: in the world (rad/s). dt: any sign (s).
     """
     return normalized(quaternion_added(q, dt, w_W))
 

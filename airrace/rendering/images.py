@@ -24,15 +24,9 @@ class Box(typing.NamedTuple):
 
 
 @compilable
-def as_box(numbers: np.ndarray) -> Box:
-    """Returns the Box of an array, (4,)."""
-    return Box(numbers[0], numbers[1], numbers[2], numbers[3])
-
-
-@compilable
-def intersection(a: Box, b: Box) -> Box:
-    """Returns the pixels that are in both boxes."""
-    return Box(max(a.x0, b.x0), max(a.y0, b.y0), min(a.x1, b.x1), min(a.y1, b.y1))
+def intersection(a: Box | np.ndarray, b: Box | np.ndarray) -> Box:
+    """Returns the pixels that are in both boxes, of which any may be an array, (4,)."""
+    return Box(max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3]))
 
 
 @compilable
@@ -45,7 +39,7 @@ def is_empty(box: Box) -> bool:
 def touches(box: Box, boxes: np.ndarray) -> bool:
     """Whether a box shares a pixel with any of some others, (n, 4)."""
     for i in range(len(boxes)):
-        if not is_empty(intersection(box, as_box(boxes[i]))):
+        if not is_empty(intersection(box, boxes[i])):
             return True
     return False
 
@@ -57,8 +51,7 @@ def whole_box(image: np.ndarray) -> Box:
 
 def crop(image: np.ndarray, box: Box) -> np.ndarray:
     """Returns the pixels in a box, not copied."""
-    x0, y0, x1, y1 = box
-    return image[y0:y1, x0:x1]
+    return image[box[1] : box[3], box[0] : box[2]]
 
 
 def as_boxes(boxes: ArrayLike | None, image: np.ndarray) -> np.ndarray:

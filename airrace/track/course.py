@@ -19,48 +19,34 @@ MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 
 class Box(NamedTuple):
-    """A box of a frame, or of a hall.
+    """A box of a frame, or of a hall."""
 
-    Attributes:
-        X_WB: pose of its middle.
-        size: along its axes (m), (3,).
-    """
-
-    X_WB: RigidTransform
-    size: np.ndarray
+    X_WB: RigidTransform  #: pose of its middle
+    size: np.ndarray  #: along its axes (m), (3,)
 
 
 @dc.dataclass(frozen=True)
 class Board:
-    """One marker board.
+    """One marker board."""
 
-    Attributes:
-        id: the ArUco ID: 4n left front, 4n+1 left back, 4n+2 right front,
-            4n+3 right back of gate n = 0, 1, ...
-        X_WM: pose of the marker frame M: origin at the board's centre, x to
-            the right and y up as its viewer sees it, z out of the face.
-    """
-
+    #: The ArUco ID: 4n left front, 4n+1 left back, 4n+2 right front, 4n+3 right back of gate n,
+    #: which counts from 0.
     id: int
+    #: Pose of the marker frame M: origin at the board's centre, x to the right and y up as its
+    #: viewer sees it, z out of the face.
     X_WM: RigidTransform
 
 
 class Opening(NamedTuple):
-    """The rectangle in which a gate counts.
+    """The rectangle in which a gate counts."""
 
-    Attributes:
-        middle: p_WG of the gate (m), (3,).
-        forward, rightward: unit vectors of flight, and in the opening to the right, (3,).
-        half_width: to the right and to the left of the middle (m).
-        up: unit vector in the opening, (3,).
-        low, high: where it ends along that, from the middle (m).
-    """
-
-    middle: np.ndarray
+    middle: np.ndarray  #: p_WG of the gate (m), (3,)
+    #: forward, rightward: unit vectors of flight, and in the opening to the right, (3,)
     forward: np.ndarray
     rightward: np.ndarray
-    half_width: float
-    up: np.ndarray
+    half_width: float  #: to the right and to the left of the middle (m)
+    up: np.ndarray  #: unit vector in the opening, (3,)
+    #: low, high: where it ends along that, from the middle (m)
     low: float
     high: float
 
@@ -72,7 +58,7 @@ class CourseGate(Protocol):
         heading: horizontal direction of flight (rad).
         forward, rightward: unit vectors of flight, and from the left to the right side, (3,).
         width, height: between its sides, and of all of it (m).
-        p_WG: where to fly through it; p_WL, p_WR: its sides (m), (3,).
+        p_WG, p_WL, p_WR: where to fly through it, and its left and its right side (m), (3,).
     """
 
     @property
@@ -96,7 +82,7 @@ class CourseGate(Protocol):
         """Returns where a flight leads through it."""
 
     def shifted(self, move: np.ndarray) -> Self:
-        """Returns the gate moved. Args: move: x and y (m, world), (2,)."""
+        """Returns the gate moved by x and y (m, world), (2,)."""
 
     def check(self, number: int) -> None:
         """Raises ValueError with one clause that says what is wrong with it as gate 1, 2, ..."""
@@ -173,11 +159,7 @@ class Course(abc.ABC):
         return outline.min(0) - margin, np.append(outline.max(0) + margin, float(margin))
 
     def shifted(self, shifts: ArrayLike) -> Self:
-        """Returns the course with every gate moved.
-
-        Args:
-            shifts: x and y of each gate (m, world), (n, 2) or (2 n,).
-        """
+        """Returns the course with every gate moved by x and y (m, world), (n, 2) or (2 n,)."""
         moves = np.reshape(shifts, (-1, 2))
         gates = [gate.shifted(move) for gate, move in zip(self.gates, moves, strict=True)]
         return dc.replace(self, gates=gates)  # type: ignore[type-var]

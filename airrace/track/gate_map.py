@@ -9,46 +9,28 @@ from airrace.common.immutable import Immutable
 
 @dc.dataclass(frozen=True, eq=False)
 class MarkerEstimate(Immutable):
-    """What is known of one marker.
+    """What is known of one marker."""
 
-    Attributes:
-        id: the ArUco ID.
-        count: number of observations that count; 0 of a board that only the
-            others of its gate tell of.
-        outliers: number of observations that were rejected.
-        p_WM: position of the board's centre, (3,).
-        variance: of each coordinate (m^2), (3,); what it is of, the
-            estimator says.
-        normal: unit vector out of the board's face, (3,).
-    """
-
-    id: int
-    count: int
-    outliers: int
-    p_WM: np.ndarray
-    variance: np.ndarray
-    normal: np.ndarray
+    id: int  #: the ArUco ID
+    count: int  #: of observations that count; 0 of a board that only the others of its gate tell of
+    outliers: int  #: how many observations were rejected
+    p_WM: np.ndarray  #: position of the board's centre (m), (3,)
+    variance: np.ndarray  #: of each coordinate (m^2), (3,); what it is of, the estimator says
+    normal: np.ndarray  #: unit vector out of the board's face, (3,)
 
 
 @dc.dataclass(frozen=True, eq=False)
 class GateEstimate(Immutable):
-    """What is known of one gate.
+    """What is known of one gate."""
 
-    Attributes:
-        number: of the gate, n = 0, 1, ... as in the marker IDs.
-        p_WG: midpoint between the pylon axes at the boards' height, (3,).
-        heading: direction of flight through it (rad).
-        spacing: between the two pylon axes (m).
-    """
-
-    number: int
-    p_WG: np.ndarray
-    heading: float
-    spacing: float
+    number: int  #: of the gate, n = 0, 1, ... as in the marker IDs.
+    p_WG: np.ndarray  #: midpoint between the pylon axes at the boards' height, (3,)
+    heading: float  #: direction of flight through it (rad)
+    spacing: float  #: between the two pylon axes (m)
 
     @property
     def forward(self) -> np.ndarray:
-        """Unit vector of flight, shape (3,)."""
+        """Unit vector of flight, (3,)."""
         return np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
 
     @property
@@ -60,24 +42,14 @@ class GateEstimate(Immutable):
 
 @dc.dataclass(frozen=True, eq=False)
 class GateMap(Immutable):
-    """The map of the track.
+    """The map of the track."""
 
-    Attributes:
-        time: of the newest image in it (s).
-        markers: tuple of MarkerEstimate, by ID.
-        gates: tuple of GateEstimate of the gates whose two pylons are known,
-            by number.
-        detections: number of markers detected so far.
-        out_of_range: how many of them had an impossible ID.
-        refused: dict of why a marker, or what looked like one, did not enter
-            the map, to how many times.
-    """
-
-    time: float = -1.0
-    markers: tuple = ()
-    gates: tuple = ()
-    detections: int = 0
-    out_of_range: int = 0
+    time: float = -1.0  #: of the newest image in it (s)
+    markers: tuple[MarkerEstimate, ...] = ()  #: by ID
+    gates: tuple[GateEstimate, ...] = ()  #: those whose two pylons are known, by number
+    detections: int = 0  #: number of markers detected so far
+    out_of_range: int = 0  #: how many of them had an impossible ID
+    #: Why a marker, or what looked like one, did not enter the map, and how often.
     refused: dict = dc.field(default_factory=dict)
 
     @property

@@ -58,8 +58,7 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     Args:
         seed: at least 0.
         gates: 8, 10, ..., 20; None to draw it from the seed.
-        direction: "left" for a counter-clockwise track, "right" for a clockwise
-            one; None to draw it from the seed.
+        direction: "left" (counter-clockwise) or "right"; None to draw it from the seed.
 
     Raises:
         UserError: for arguments that no track fits, or if the seed has none.
@@ -121,15 +120,10 @@ def _check_seed(seed):
 
 
 def _first_fair[C: Course](draw: Callable[[], C], tries: int, failure: str) -> C:
-    """Returns the first of so many courses that keeps the rules.
-
-    Args:
-        draw: returns another course, or raises RuleError.
-        tries: after which it is given up.
-        failure: what is said then.
+    """Returns the first course that keeps the rules, of so many that draw() returns.
 
     Raises:
-        UserError: if none does, with the rule that most of them broke.
+        UserError: if none does: the failure, with the rule that most of them broke.
     """
     reasons = collections.Counter()
     for _ in range(tries):
@@ -160,13 +154,9 @@ def _draw_layout(rng: np.random.Generator, n: int, sign: int) -> Layout:
 
 
 def _close(forward: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Returns lengths of the legs that lead back to gate 1, (n,) m.
+    """Returns lengths of legs in directions (n, 2) that lead back to gate 1, (n,) m.
 
-    They are the nearest to those wanted, by the squares of the relative changes.
-
-    Args:
-        forward: directions of the legs, (n, 2).
-        wanted: (n,) m.
+    They are the nearest to those wanted, (n,) m, by the squares of the relative changes.
     """
     program = MathematicalProgram()
     lengths = program.NewContinuousVariables(len(forward))
@@ -214,21 +204,13 @@ def _place(rng: np.random.Generator, layout: Layout, name: str) -> Track:
 
 
 def _draw_way(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Returns the pad and n gates, (n + 1, 3) m.
-
-    Raises:
-        RuleError: if the course runs into itself.
-    """
+    """Returns the pad and n gates, (n + 1, 3) m; RuleError: if the course runs into itself."""
     count = n if n in square_rules.GATE_COUNTS else square_rules.GATE_COUNTS[0]
     mean = (_MEAN_LENGTH - np.mean(square_rules.START_DISTANCE)) / (count - 1)
     bearing = rng.uniform(-np.pi, np.pi)
     height = rng.uniform(2.0, 3.0)
-    way = np.array(
-        [
-            [0.0, 0.0, 0.0],
-            [*rng.uniform(*square_rules.START_DISTANCE) * directions(bearing), height],
-        ]
-    )
+    first = rng.uniform(*square_rules.START_DISTANCE) * directions(bearing)
+    way = np.array([[0.0, 0.0, 0.0], [*first, height]])
     for _ in range(n - 1):
         way, bearing = _with_next(rng, way, bearing, mean)
     return way
@@ -266,18 +248,9 @@ def _draw_square_track(rng: np.random.Generator, n: int, name: str) -> SquareTra
     slopes[0] = 0.0  # the way up from the pad
     following = np.append(slopes[1:], 0.0)
     pitches = np.clip(-np.rad2deg(slopes + following) / 2, -square_rules.PITCH, square_rules.PITCH)
-    heading = (
-        np.rad2deg(
-            bearings[0] + 0.9 * rng.uniform(-square_rules.START_TURN, square_rules.START_TURN)
-        ).round(1)
-        % 360
-    )
-    start = Start(
-        position=[0.0, 0.0, 0.0],
-        heading_deg=float(heading),
-        pad_tilt_deg=square_rules.PAD_TILT_DEG,
-        pad_tilt_direction_deg=float(heading),
-    )
+    turn = 0.9 * rng.uniform(-square_rules.START_TURN, square_rules.START_TURN)
+    heading = float(np.rad2deg(bearings[0] + turn).round(1) % 360)
+    start = Start([0.0, 0.0, 0.0], heading, square_rules.PAD_TILT_DEG, heading)
     # + 0.0 takes the sign off -0.0.
     gates = [
         SquareGate((p.round(3) + 0.0).tolist(), float(yaw.round(1) % 360), float(pitch.round(1)))

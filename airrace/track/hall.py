@@ -11,21 +11,18 @@ from airrace.track.geometry import point_distances
 
 _MARGIN, _HEADROOM = 8.0, 4.0  # m, beyond the outermost corners of gates, and above them
 _WALL = 0.5  # m, thickness of walls and ceiling
-_COLUMN, _COLUMN_STEP = 0.6, 12.0  # m, side of a column, and from one to the next
+_COLUMN, _COLUMN_STEP = 0.6, (12.0, 12.0)  # m, side of a column, and from one to the next
 _ROOM = 4.0  # m, from the middle of a column to the way from gate to gate, at least
 _LIGHT, _LIGHT_STEP = (1.6, 0.5, 0.06), (8.0, 6.0)  # m, size of a light, and from one to the next
 
 
 class Hall(NamedTuple):
-    """A hall whose floor is the ground.
+    """A hall whose floor is the ground."""
 
-    Attributes:
-        low, high: its inner corners (m), (3,).
-        columns, lights: boxes, from the floor to the ceiling, and below the ceiling.
-    """
-
+    #: low, high: its inner corners (m), (3,)
     low: np.ndarray
     high: np.ndarray
+    #: columns, lights: boxes, from the floor to the ceiling, and below the ceiling
     columns: tuple[Box, ...]
     lights: tuple[Box, ...]
 
@@ -45,33 +42,24 @@ class Hall(NamedTuple):
 
 
 def hall_around(outline: np.ndarray, way: np.ndarray) -> Hall:
-    """Returns the hall of a course; the same course has the same hall.
+    """Returns the hall around an outline, (n, 3) m, whose columns keep away from a way, (k, 3) m.
 
-    Args:
-        outline: points that must be inside with some room, (n, 3) m.
-        way: from the pad from gate to gate, (k, 3) m, which columns keep away from.
+    The same course has the same hall.
     """
     low = np.append(np.floor(outline[:, :2].min(0) - _MARGIN), 0.0)
     high = np.append(
         np.ceil(outline[:, :2].max(0) + _MARGIN), np.ceil(outline[:, 2].max() + _HEADROOM)
     )
-    return Hall(low, high, tuple(_columns(low, high, way)), tuple(_lights(low, high)))
-
-
-def _columns(low: np.ndarray, high: np.ndarray, way: np.ndarray) -> list[Box]:
-    columns = []
-    for x, y in _grid(low, high, (_COLUMN_STEP, _COLUMN_STEP)):
-        if point_distances(np.array([x, y]), way[:-1, :2], way[1:, :2]).min() >= _ROOM:
-            middle = RigidTransform([x, y, high[2] / 2])
-            columns.append(Box(middle, np.array([_COLUMN, _COLUMN, high[2]])))
-    return columns
-
-
-def _lights(low: np.ndarray, high: np.ndarray) -> list[Box]:
-    return [
+    columns = [
+        Box(RigidTransform([x, y, high[2] / 2]), np.array([_COLUMN, _COLUMN, high[2]]))
+        for x, y in _grid(low, high, _COLUMN_STEP)
+        if point_distances(np.array([x, y]), way[:-1, :2], way[1:, :2]).min() >= _ROOM
+    ]
+    lights = [
         Box(RigidTransform([x, y, high[2] - _LIGHT[2] / 2]), np.array(_LIGHT))
         for x, y in _grid(low, high, _LIGHT_STEP)
     ]
+    return Hall(low, high, tuple(columns), tuple(lights))
 
 
 def _grid(low: np.ndarray, high: np.ndarray, steps: tuple[float, float]) -> list:

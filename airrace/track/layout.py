@@ -12,17 +12,11 @@ from airrace.track.geometry import directions
 
 @dc.dataclass(frozen=True, eq=False)
 class Layout:
-    """A track in the plane. Leg i leads from gate i to the next, the last to gate 0.
+    """A track in the plane. Leg i leads from gate i to the next, the last to gate 0."""
 
-    Attributes:
-        left: left pylons, (n, 2) m.
-        headings: directions of flight through the gates, (n,) rad.
-        spacing: between the pylons of a gate, (n,) m.
-    """
-
-    left: np.ndarray
-    headings: np.ndarray
-    spacing: np.ndarray
+    left: np.ndarray  #: left pylons, (n, 2) m
+    headings: np.ndarray  #: directions of flight through the gates, (n,) rad
+    spacing: np.ndarray  #: between the pylons of a gate, (n,) m
 
     @classmethod
     def of(cls, track: Course) -> "Layout":
@@ -61,8 +55,7 @@ class Layout:
     @functools.cached_property
     def turns(self) -> np.ndarray:
         """Change of heading on each leg, in -pi to pi, left positive, (n,) rad."""
-        turns = np.roll(self.headings, -1) - self.headings
-        return wrap_angle(turns)
+        return wrap_angle(np.roll(self.headings, -1) - self.headings)
 
     @functools.cached_property
     def lengths(self) -> np.ndarray:

@@ -16,19 +16,18 @@ TRACK = "track"  # in place of a file: where the gates really are
 
 
 def write_map(directory: Path, gate_map: GateMap) -> None:
-    """Writes both files.
-
-    Raises:
-        UserError: if they cannot be written.
-    """
+    """Writes both files; raises UserError if they cannot be written."""
     write_json(directory / "map.json", map_data(gate_map))
     write_json(directory / "map_statistics.json", statistics_data(gate_map))
 
 
 def map_data(gate_map: GateMap) -> dict:
-    """Returns the map as plain data: what a planner needs (m, degrees)."""
+    """Returns the map as plain data: what a planner needs (m, degrees).
+
+    Its time is that of the newest image in it (s), None before the first.
+    """
     return {
-        "time_s": _time(gate_map),
+        "time_s": gate_map.time if gate_map.time >= 0.0 else None,
         "gates": [
             {
                 "gate": gate.number + 1,
@@ -53,7 +52,7 @@ def statistics_data(gate_map: GateMap) -> dict:
     other boards of its gate.
     """
     return {
-        "time_s": _time(gate_map),
+        "time_s": gate_map.time if gate_map.time >= 0.0 else None,
         "detections": gate_map.detections,
         "out_of_range_ids": gate_map.out_of_range,
         "error_rate": gate_map.error_rate,
@@ -74,25 +73,15 @@ def statistics_data(gate_map: GateMap) -> dict:
     }
 
 
-def _time(gate_map):
-    """Returns the time of the newest image in the map (s), None before the first."""
-    return gate_map.time if gate_map.time >= 0.0 else None
-
-
 def rounded(vector: np.ndarray, digits: int = 4) -> list:
     """Returns a vector's numbers, rounded; of a few, quicker than numpy's."""
     return [round(x, digits) for x in np.asarray(vector).tolist()]
 
 
 def read_map(name: str, track_name: str) -> GateMap:
-    """Returns the map of a scenario.
+    """Returns the map of a scenario; name: TRACK, or the map.json of an earlier race.
 
-    Args:
-        name: TRACK, or the map.json of an earlier race.
-        track_name: of the scenario's track.
-
-    Raises:
-        UserError: if there is no such map.
+    Raises UserError if there is no such map.
     """
     if name == TRACK:
         return true_map(load_track(track_name, markers=True))
@@ -145,9 +134,7 @@ def true_map(track: Course) -> GateMap:
 
 def _known_marker(id: int, p_WM: np.ndarray, normal: np.ndarray) -> MarkerEstimate:
     """Returns a marker whose position is exact."""
-    return MarkerEstimate(
-        id=int(id), count=1, outliers=0, p_WM=p_WM, variance=np.zeros(3), normal=normal
-    )
+    return MarkerEstimate(int(id), 1, 0, p_WM, np.zeros(3), normal)
 
 
 def _finite(values: ArrayLike, shape: tuple[int, ...] = ()) -> np.ndarray:

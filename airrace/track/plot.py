@@ -40,9 +40,14 @@ def draw_track(track: Course) -> Figure:
     axes.set(aspect="equal", facecolor=_GRASS if hall is None else _FLOOR)
     if hall is not None:
         _draw_hall(axes, hall)
-    _draw_legs(axes, way[:, :2])
+    for p, q in zip(way[:-1, :2], way[1:, :2]):
+        axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
+        _draw_arrow(axes, p + 0.5 * (q - p), 0.08 * (q - p), _LEG)
     draw_gates(axes, track, _GATE, _GATE)
-    _draw_boards(axes, track)
+    for board in track.boards():
+        across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
+        ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
+        axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
     _draw_start(axes, track)
     title = f"{track.name}: {len(track.gates)} gates, {length:.0f} m"
     if track.closed:
@@ -62,8 +67,7 @@ def draw_track(track: Course) -> Figure:
 def save_plot(track: Course, path: Path) -> None:
     """Writes the picture of a track; the file's ending says in which format.
 
-    Raises:
-        UserError: if the file cannot be written or has an ending of no picture.
+    Raises UserError if the file cannot be written or has an ending of no picture.
     """
     figure = draw_track(track)
     ending = path.suffix.lstrip(".").lower()
@@ -79,14 +83,7 @@ def save_plot(track: Course, path: Path) -> None:
 
 
 def draw_gates(axes: "Axes", track: Course, color: str, foot: str) -> None:
-    """Draws all gates of a course with their numbers and directions.
-
-    Args:
-        axes: Matplotlib's.
-        track: the course.
-        color: of lines, arrows and numbers.
-        foot: colour that pylons are filled with.
-    """
+    """Draws all gates with their numbers and directions; foot: the colour in pylons."""
     layout, size = Layout.of(track), _size(track)
     for p in track.pylons()[:, :2]:
         circle = Circle(p, PYLON_BASE_RADIUS, facecolor=foot, edgecolor=color, lw=0.7, zorder=3)
@@ -103,13 +100,6 @@ def draw_gates(axes: "Axes", track: Course, color: str, foot: str) -> None:
 def _size(track):
     """Returns how large marks are that go with the gates (m)."""
     return max(track.gates[0].width, 5.0)
-
-
-def _draw_boards(axes, track):
-    for board in track.boards():
-        across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
-        ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
-        axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
 
 
 def _draw_hall(axes, hall):
@@ -149,12 +139,6 @@ def _add_legend(figure, track):
     figure.legend(
         handles=handles, loc="outside lower center", ncols=3, facecolor=_GRASS, framealpha=1.0
     )
-
-
-def _draw_legs(axes, way):
-    for p, q in zip(way[:-1], way[1:]):
-        axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
-        _draw_arrow(axes, p + 0.5 * (q - p), 0.08 * (q - p), _LEG)
 
 
 def _draw_start(axes, track):

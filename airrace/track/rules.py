@@ -46,11 +46,7 @@ class RuleError(ValueError):
 
 
 def check_rules(track: Track) -> None:
-    """Checks all rules of this file.
-
-    Raises:
-        RuleError: naming the first that the track breaks.
-    """
+    """Raises RuleError for the first rule of this file that the track breaks."""
     layout = Layout.of(track)
     check_layout(layout)
     check_clearances(layout)
@@ -63,9 +59,7 @@ def check_layout(layout: Layout) -> None:
 
     The next left pylon is straight ahead of the left pylon, the next heading
     45 degrees to the left or right, and the turns add up to one round.
-
-    Raises:
-        RuleError: "layout", "closure" or "extent".
+    Raises RuleError: "layout", "closure" or "extent".
     """
     _check(
         "layout",
@@ -89,12 +83,12 @@ def check_layout(layout: Layout) -> None:
         layout.lengths,
     )
     total = np.rad2deg(np.sum(layout.turns))
-    if abs(abs(total) - 360.0) > 1.0:
-        raise RuleError("closure", f"its turns add up to {total:.0f} degrees, not 360")
+    reason = f"its turns add up to {total:.0f} degrees, not 360"
+    require_rule("closure", abs(abs(total) - 360.0) <= 1.0, reason)
     pylons = layout.pylons.reshape(-1, 2)
     extent = np.linalg.norm(pylons[:, None] - pylons, axis=2).max()
-    if extent > LARGEST_EXTENT:
-        raise RuleError("extent", f"it is {extent:.0f} m across, not {LARGEST_EXTENT:.0f} at most")
+    reason = f"it is {extent:.0f} m across, not {LARGEST_EXTENT:.0f} at most"
+    require_rule("extent", extent <= LARGEST_EXTENT, reason)
 
 
 def check_clearances(layout: Layout) -> None:
@@ -103,9 +97,7 @@ def check_clearances(layout: Layout) -> None:
     A leg here is the line from midpoint to midpoint, and also the line straight on from a
     midpoint to the next gate, along which an explorer searches for that gate. A line
     through a wrong gate comes near its pylons, so it is refused as well.
-
-    Raises:
-        RuleError: "clearance".
+    Raises RuleError: "clearance".
     """
     n = len(layout.left)
     steps = (np.arange(n) - np.arange(n)[:, None]) % n  # from gate i on to gate j
@@ -133,9 +125,7 @@ def check_visibility(layout: Layout) -> None:
     From some part of the line straight on from each gate's midpoint, with the camera
     forward at the height of the boards, both front markers of the next gate
     are in view, near and square enough to be read, and not hidden.
-
-    Raises:
-        RuleError: "visibility".
+    Raises RuleError: "visibility".
     """
     n = len(layout.left)
     for i in range(n):
@@ -144,19 +134,13 @@ def check_visibility(layout: Layout) -> None:
         along = np.arange(0.0, length, _VIEW_STEP)
         viewpoints = layout.middle[i] + along[:, None] * layout.forward[i]
         seen = gate_in_view(layout, following, viewpoints, layout.headings[i])
-        if (_longest_run(seen) - 1) * _VIEW_STEP < SHORTEST_VIEW:
-            raise RuleError(
-                "visibility",
-                f"gate {following + 1} cannot be seen on the way straight on from gate {i + 1}",
-            )
+        reason = f"gate {following + 1} cannot be seen on the way straight on from gate {i + 1}"
+        enough = (_longest_run(seen) - 1) * _VIEW_STEP >= SHORTEST_VIEW
+        require_rule("visibility", enough, reason)
 
 
 def check_start(track: Track, layout: Layout) -> None:
-    """Checks that gate 1 is ahead of the start, near, in view and free to fly to.
-
-    Raises:
-        RuleError: "start".
-    """
+    """Raises RuleError, "start", unless gate 1 is ahead of it, near, in view and free to fly to."""
     start = np.array(track.start.position[:2])
     to_gate = layout.middle[0] - start
     bearing = np.arctan2(to_gate[1], to_gate[0])
@@ -182,8 +166,7 @@ def gate_in_view(layout: Layout, gate: int, viewpoints: np.ndarray, heading: flo
     """Returns from which points both front markers of a gate can be read, (k,) bool.
 
     Args:
-        layout: the track.
-        gate: number of the gate, from 0.
+        gate: its number, from 0.
         viewpoints: (k, 2) m; the camera is at the height of the boards there.
         heading: of the camera (rad).
     """
@@ -224,6 +207,11 @@ def _check_room(reason, distances, least, exempt):
     _check("clearance", (distances >= least) | exempt, reason, distances)
 
 
-def _require_start(condition, reason):
+def require_rule(rule: str, condition: object, reason: str) -> None:
+    """Raises RuleError unless a condition holds."""
     if not condition:
-        raise RuleError("start", f"the start is not fair: {reason}")
+        raise RuleError(rule, reason)
+
+
+def _require_start(condition, reason):
+    require_rule("start", condition, f"the start is not fair: {reason}")

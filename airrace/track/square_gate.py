@@ -18,30 +18,23 @@ MAX_PITCH_DEG = 60.0
 
 @dc.dataclass
 class SquareGate:
-    """A square frame and the direction of flight through it.
-
-    Attributes:
-        position: [x, y, z] of the middle of its opening (m, world).
-        yaw_deg: horizontal direction of flight (degrees from +x).
-        pitch_deg: by which that direction points down (degrees).
-    """
+    """A square frame and the direction of flight through it, see CourseGate."""
 
     # Drake's YAML loader builds default objects first; check() refuses these.
+    #: [x, y, z] of the middle of its opening (m, world).
     position: list[float] = dc.field(default_factory=list)
-    yaw_deg: float = float("nan")
-    pitch_deg: float = 0.0
+    yaw_deg: float = float("nan")  #: horizontal direction of flight (degrees from +x)
+    pitch_deg: float = 0.0  #: by which that direction points down (degrees)
 
     height: ClassVar[float] = OUTER
     width: ClassVar[float] = OUTER
 
     @property
     def heading(self) -> float:
-        """Horizontal direction of flight (rad)."""
         return float(np.deg2rad(self.yaw_deg))
 
     @property
     def p_WG(self) -> np.ndarray:
-        """Middle of the opening, shape (3,)."""
         return np.array(self.position, float)
 
     @property
@@ -52,29 +45,25 @@ class SquareGate:
 
     @property
     def forward(self) -> np.ndarray:
-        """Unit vector of flight, shape (3,), world."""
         return self.X_WG.rotation().col(0)
 
     @property
     def rightward(self) -> np.ndarray:
-        """Unit vector from the left to the right side, shape (3,), world."""
         return -self.X_WG.rotation().col(1)
 
     @property
     def p_WL(self) -> np.ndarray:
-        """Middle of the frame's left side, shape (3,)."""
         return self.p_WG - OUTER / 2 * self.rightward
 
     @property
     def p_WR(self) -> np.ndarray:
-        """Middle of the frame's right side, shape (3,)."""
         return self.p_WG + OUTER / 2 * self.rightward
 
     def corners(self, side: float = OUTER) -> np.ndarray:
-        """Returns the corners of a square in the gate's plane about its middle, (4, 3) m.
+        """Returns the corners of a square of a side (m) about the gate's middle, (4, 3) m.
 
-        Args: side: of the square (m). The first is the upper left one, as its viewer in front
-        of the gate sees it, and the others follow clockwise.
+        The first is the upper left one, as its viewer in front of the gate sees it, and the
+        others follow clockwise.
         """
         h = side / 2
         return (self.X_WG @ np.array([[0, h, h], [0, -h, h], [0, -h, -h], [0, h, -h]]).T).T
@@ -94,7 +83,6 @@ class SquareGate:
         }
 
     def opening(self) -> Opening:
-        """Returns the inner square of the frame."""
         return Opening(
             middle=self.p_WG,
             forward=self.forward,
@@ -106,11 +94,9 @@ class SquareGate:
         )
 
     def shifted(self, move: np.ndarray) -> "SquareGate":
-        """Returns the gate moved. Args: move: x and y (m, world), (2,)."""
         return dc.replace(self, position=(self.p_WG + [*move, 0.0]).tolist())
 
     def check(self, number: int) -> None:
-        """Raises ValueError with one clause that says what is wrong with it as gate 1, 2, ..."""
         require(len(self.position) == 3, f"position of gate {number} needs three numbers")
         require(
             np.all(np.isfinite([*self.position, self.yaw_deg, self.pitch_deg])),

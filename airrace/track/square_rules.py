@@ -4,7 +4,7 @@ import numpy as np
 
 from airrace.math.angles import wrap_angle
 from airrace.track.geometry import point_distances, segment_distances
-from airrace.track.rules import RuleError
+from airrace.track.rules import require_rule
 from airrace.track.square_track import SquareTrack
 
 GATE_COUNTS = range(17, 21)  # of a course as raced; shorter ones are for practice
@@ -28,74 +28,62 @@ _TOLERANCE = 2e-3  # m, or rad: a file holds millimetres
 
 
 def check_square_rules(track: SquareTrack) -> None:
-    """Checks all rules of this file.
-
-    Raises:
-        RuleError: naming the first that the course breaks.
-    """
+    """Raises RuleError for the first rule of this file that the course breaks."""
     way = track.way()
     legs = np.diff(way, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
     n = len(track.gates)
     _check_start(track, legs[0])
-    _require("length", np.all(_within(lengths[1:], LEGS)), f"a leg is not {LEGS} m long")
+    require_rule("length", np.all(_within(lengths[1:], LEGS)), f"a leg is not {LEGS} m long")
     if n in GATE_COUNTS:
         total = lengths.sum()
-        _require("length", _within(total, LENGTH), f"it is {total:.0f} m long, not {LENGTH}")
-    _require("height", np.all(_within(way[1:, 2], HEIGHTS)), f"a gate is not at {HEIGHTS} m")
+        require_rule("length", _within(total, LENGTH), f"it is {total:.0f} m long, not {LENGTH}")
+    require_rule("height", np.all(_within(way[1:, 2], HEIGHTS)), f"a gate is not at {HEIGHTS} m")
     slopes = np.arcsin(legs[1:, 2] / lengths[1:])
-    _require("slope", np.all(_within(slopes, (-DESCENT, CLIMB))), "a leg is too steep")
+    require_rule("slope", np.all(_within(slopes, (-DESCENT, CLIMB))), "a leg is too steep")
     bearings = np.arctan2(legs[:, 1], legs[:, 0])
     turns = np.abs(wrap_angle(np.diff(bearings)))
-    _require("turn", np.all(turns <= TURN + _TOLERANCE), "it turns too much at a gate")
+    require_rule("turn", np.all(turns <= TURN + _TOLERANCE), "it turns too much at a gate")
     headings = np.array([gate.heading for gate in track.gates])
     off = np.abs(wrap_angle(bearings - headings))  # between each leg and the gate it leads to
-    _require("facing", np.all(off <= FACING + _TOLERANCE), "a gate does not face its leg")
+    require_rule("facing", np.all(off <= FACING + _TOLERANCE), "a gate does not face its leg")
     ahead = np.abs(wrap_angle(bearings[1:] - headings[:-1]))
-    _require("visibility", np.all(ahead <= BEARING + _TOLERANCE), "a gate is not in view")
+    require_rule("visibility", np.all(ahead <= BEARING + _TOLERANCE), "a gate is not in view")
     steepest = max(abs(gate.pitch_deg) for gate in track.gates)
-    _require("pitch", steepest <= PITCH + _TOLERANCE, f"a gate's pitch is {steepest:.1f} degrees")
+    require_rule("pitch", steepest <= PITCH + _TOLERANCE, f"a pitch is {steepest:.1f} degrees")
     check_legs_apart(way)
 
 
 def check_legs_apart(way: np.ndarray) -> None:
-    """Checks that legs that do not meet keep apart on the ground plan.
+    """Raises RuleError, "clearance", if legs that do not meet come near on the ground plan.
 
     Args: way: the pad and all gates, (k, 3) m.
-
-    Raises:
-        RuleError: "clearance".
     """
     starts, ends = way[:-1, :2], way[1:, :2]
     n = len(starts)
     meet = np.abs(np.arange(n) - np.arange(n)[:, None]) <= 1
     apart = np.where(meet, np.inf, segment_distances(starts, ends)).min()
-    _require("clearance", apart >= LEG_TO_LEG - _TOLERANCE, f"legs are {apart:.1f} m apart")
+    require_rule("clearance", apart >= LEG_TO_LEG - _TOLERANCE, f"legs are {apart:.1f} m apart")
     # And of each gate from legs that do not lead to or from it.
     to_legs = point_distances(way[1:, None, :2], starts, ends)
     touch = np.abs(np.arange(n)[:, None] + 0.5 - np.arange(n)) <= 0.5
     nearest = np.where(touch, np.inf, to_legs).min()
-    _require("clearance", nearest >= LEG_TO_LEG - _TOLERANCE, "a leg is near another gate")
+    require_rule("clearance", nearest >= LEG_TO_LEG - _TOLERANCE, "a leg is near another gate")
 
 
 def _check_start(track, leg):
-    _require(
+    require_rule(
         "start",
         _within(np.linalg.norm(leg[:2]), START_DISTANCE),
         f"the pad is not {START_DISTANCE} m before gate 1",
     )
     turn = abs(wrap_angle(np.arctan2(leg[1], leg[0]) - np.deg2rad(track.start.heading_deg)))
-    _require("start", turn <= START_TURN + _TOLERANCE, "gate 1 is not ahead of the pad")
+    require_rule("start", turn <= START_TURN + _TOLERANCE, "gate 1 is not ahead of the pad")
     down = wrap_angle(np.deg2rad(track.start.pad_tilt_direction_deg - track.start.heading_deg))
-    _require("start", abs(down) <= _TOLERANCE, "the pad is not inclined nose-down")
+    require_rule("start", abs(down) <= _TOLERANCE, "the pad is not inclined nose-down")
 
 
 def _within(values, limits):
     return (np.asarray(values) >= limits[0] - _TOLERANCE) & (
         np.asarray(values) <= limits[1] + _TOLERANCE
     )
-
-
-def _require(rule, condition, reason):
-    if not condition:
-        raise RuleError(rule, reason)

@@ -23,20 +23,11 @@ class GateKind:
 
 @dc.dataclass
 class SquareTrack(Course):
-    """A course through square gates; the gates are listed in racing order.
-
-    It is flown once, from the pad through the last gate, and has no laps.
-
-    Attributes:
-        name: what results are filed under.
-        gate: the kind of its gates, square.
-        surroundings: "hall", dark and with lights below its ceiling, or "lawn", under the sky.
-        start: the pad.
-        gates: at least two.
-    """
+    """A course through two or more square gates, flown once from the pad; see Course."""
 
     name: str = ""
-    gate: GateKind = dc.field(default_factory=GateKind)
+    gate: GateKind = dc.field(default_factory=GateKind)  #: the kind of its gates, square
+    #: "hall", dark and with lights below its ceiling, or "lawn", under the sky.
     surroundings: str = HALL
     start: Start = dc.field(default_factory=Start)
     gates: list[SquareGate] = dc.field(default_factory=list)
@@ -52,11 +43,9 @@ class SquareTrack(Course):
 
     @property
     def hover_height(self) -> float:
-        """That of gate 1."""
         return self.gates[0].position[2] - self.start.position[2]
 
     def outline(self) -> np.ndarray:
-        """Returns the corners of all frames and the pad."""
         return np.vstack([*(gate.corners() for gate in self.gates), [self.start.position]])
 
     def frames(self) -> list[SquareGate]:

@@ -10,19 +10,12 @@ _EDGE = 0.02  # m, height of the lowest edge of a tilted pad
 
 @dc.dataclass
 class Start:
-    """The pad on which the drone stands before take-off.
+    """The pad on which the drone stands before take-off."""
 
-    Attributes:
-        position: [x, y, z] of its centre (m, world).
-        heading_deg: of the drone (degrees from +x).
-        pad_tilt_deg: angle between the pad and the horizontal (degrees).
-        pad_tilt_direction_deg: horizontal direction in which the pad descends
-            (degrees from +x, world).
-    """
-
-    position: list[float] = dc.field(default_factory=list)
-    heading_deg: float = float("nan")
-    pad_tilt_deg: float = 0.0
+    position: list[float] = dc.field(default_factory=list)  #: [x, y, z] of its centre (m, world)
+    heading_deg: float = float("nan")  #: of the drone (degrees from +x)
+    pad_tilt_deg: float = 0.0  #: angle between the pad and the horizontal (degrees)
+    #: Horizontal direction in which the pad descends (degrees from +x, world).
     pad_tilt_direction_deg: float = 0.0
 
     def check(self, steepest_deg: float) -> None:
@@ -57,10 +50,7 @@ def pad_rotation(start: Start) -> RotationMatrix:
 def start_pose(start: Start, radius: float, standing_height: float) -> RigidTransform:
     """Returns X_WB of a drone that stands on its pad.
 
-    Args:
-        start: the Start of a track.
-        radius: of the drone (m).
-        standing_height: of its origin above what it stands on (m).
+    Args: radius: of the drone (m). standing_height: of its origin above what it stands on (m).
     """
     R_WP = pad_rotation(start)
     heading = RotationMatrix.MakeZRotation(np.deg2rad(start.heading_deg))
@@ -68,7 +58,7 @@ def start_pose(start: Start, radius: float, standing_height: float) -> RigidTran
 
 
 def pad_half_width(radius: float) -> float:
-    """Returns half of the side of a square pad (m). Args: radius: of the drone on it (m)."""
+    """Returns half of the side of a square pad (m) for a drone of a radius (m)."""
     return radius + 0.2
 
 

@@ -23,54 +23,45 @@ MARKER_SIZE = 1.2  # the black square; the rest is white border
 
 @dc.dataclass
 class Gate:
-    """Two pylons and the direction of flight between them.
+    """Two pylons and the direction of flight between them, see CourseGate.
 
-    Attributes:
-        left_pylon: [x, y] of the left pylon's axis (m, world).
-        heading_deg: direction of flight through the gate (degrees from +x).
-        pylon_spacing: distance between the two pylon axes (m).
+    Its sides are the feet of the pylons; where to fly through it is at the height of the boards.
     """
 
     # Drake's YAML loader builds default objects first; check() refuses these.
+    #: [x, y] of the left pylon's axis (m, world).
     left_pylon: list[float] = dc.field(default_factory=list)
-    heading_deg: float = float("nan")
-    pylon_spacing: float = 10.0
+    heading_deg: float = float("nan")  #: direction of flight through the gate (degrees from +x)
+    pylon_spacing: float = 10.0  #: distance between the two pylon axes (m)
 
     height: ClassVar[float] = PYLON_HEIGHT
 
     @property
     def heading(self) -> float:
-        """Direction of flight (rad)."""
         return float(np.deg2rad(self.heading_deg))
 
     @property
     def forward(self) -> np.ndarray:
-        """Unit vector of flight, shape (3,), world."""
         return np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
 
     @property
     def rightward(self) -> np.ndarray:
-        """Unit vector from the left to the right pylon, shape (3,), world."""
         return np.array([np.sin(self.heading), -np.cos(self.heading), 0.0])
 
     @property
     def width(self) -> float:
-        """Distance between the pylon axes (m)."""
         return self.pylon_spacing
 
     @property
     def p_WL(self) -> np.ndarray:
-        """Foot of the left pylon, shape (3,)."""
         return np.array([*self.left_pylon, 0.0])
 
     @property
     def p_WR(self) -> np.ndarray:
-        """Foot of the right pylon, shape (3,)."""
         return self.p_WL + self.pylon_spacing * self.rightward
 
     @property
     def p_WG(self) -> np.ndarray:
-        """Midpoint of the gate at the boards' height, shape (3,)."""
         return (self.p_WL + self.p_WR) / 2 + [0.0, 0.0, BOARD_HEIGHT]
 
     def opening(self) -> Opening:
@@ -86,7 +77,6 @@ class Gate:
         )
 
     def shifted(self, move: np.ndarray) -> "Gate":
-        """Returns the gate moved. Args: move: x and y (m, world), (2,)."""
         return dc.replace(self, left_pylon=(self.left_pylon + move).tolist())
 
     def boards(self, n: int) -> list[Board]:
@@ -102,7 +92,6 @@ class Gate:
         return result
 
     def check(self, number: int) -> None:
-        """Raises ValueError with one clause that says what is wrong with it as gate 1, 2, ..."""
         require(len(self.left_pylon) == 2, f"left_pylon of gate {number} needs two numbers")
         numbers = [*self.left_pylon, self.heading_deg, self.pylon_spacing]
         require(np.all(np.isfinite(numbers)), f"a number of gate {number} is missing or not finite")
@@ -114,14 +103,7 @@ class Gate:
 
 @dc.dataclass
 class Track(Course):
-    """A closed track of pylons; the gates are listed in racing order.
-
-    Attributes:
-        name: what results are filed under.
-        start: the take-off pose.
-        hover_height: height of the first hover above the start (m).
-        gates: at least three.
-    """
+    """A closed track of at least three gates of pylons; see Course."""
 
     name: str = ""
     start: Start = dc.field(default_factory=Start)
@@ -137,7 +119,6 @@ class Track(Course):
     _fewest_gates, _steepest_pad_deg = 3, 15.0
 
     def outline(self) -> np.ndarray:
-        """Returns the feet of all pylons, (2n, 3) m."""
         return self.pylons()
 
     def boards(self) -> list[Board]:

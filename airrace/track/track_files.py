@@ -26,8 +26,7 @@ def load_track(name_or_file: str, *, markers: bool = False) -> Course:
 
     Args:
         name_or_file: the name of a shipped track or the path of a YAML file.
-        markers: whether its gates must have markers, as those between pylons do: the autonomy finds
-            no others.
+        markers: whether its gates must have markers: the autonomy finds no others.
 
     Raises:
         UserError: if it is missing, malformed or impossible to fly, or has no markers.
@@ -54,11 +53,7 @@ def _load_track(path: Path, _mtime: int) -> Course:
 
 
 def _kind_of(path: Path) -> type[Course]:
-    """Returns the class that a track's file is of; without ``gate``, its gates are pylons.
-
-    Raises:
-        UserError: if it says that they are of an unknown kind.
-    """
+    """Returns the class that a track's file is of; without ``gate``, its gates are pylons."""
     try:
         data = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
     except (OSError, yaml.YAMLError, RecursionError, ValueError):

@@ -5,13 +5,7 @@ A drone of your own is a folder with a vehicle.yaml.
 
 from airrace.vehicle.allocation import Allocator, wrench_margin
 from airrace.vehicle.rotor_loss import Remaining
-from airrace.vehicle.rotors import (
-    RotorDynamics,
-    RotorStatus,
-    as_rotor_status,
-    make_rotor_dynamics,
-    next_speeds,
-)
+from airrace.vehicle.rotors import RotorDynamics, RotorStatus, as_rotor_status, make_rotor_dynamics
 from airrace.vehicle.state import STATE_SIZE, State, as_plant_state, as_state, state_vector
 from airrace.vehicle.vehicle import (
     DRONES,

@@ -31,13 +31,7 @@ class Allocator:
     """
 
     def __init__(self, allocation: np.ndarray, max_thrusts: np.ndarray, yaw: bool = True):
-        """Constructs the allocator.
-
-        Args:
-            allocation: (4, n), see Vehicle.
-            max_thrusts: (n,) in N; a rotor without any is one that is lost.
-            yaw: whether the moment about z matters at all.
-        """
+        """Args: see Vehicle; a lost rotor has no thrust. yaw: whether its moment matters at all."""
         self._limits = np.array(max_thrusts, float)
         self._working = np.flatnonzero(max_thrusts > 0)
         self._rows = slice(0, 4 if yaw else 3)
@@ -68,7 +62,7 @@ def by_inverse(
 ) -> tuple[np.ndarray, bool]:
     """Returns inverse @ wrench, (n,), and whether all of it is between zero and the limits.
 
-    Args: inverse: of an Allocator, (n, 4). wrench: see there. limits: (n,) in N.
+    Args: inverse, wrench: see Allocator. limits: (n,) in N.
     """
     thrusts = apply(inverse, wrench)
     return thrusts, bool(np.all((thrusts >= 0.0) & (thrusts <= limits)))

@@ -15,35 +15,24 @@ class CameraInfo(Immutable):
 
     Pixel coordinates follow OpenCV: (0, 0) is the centre of the top left
     pixel. Camera frame C: z forward, x right, y down.
-
-    Attributes:
-        width, height: image size (px).
-        K: intrinsics, (3, 3).
-        D: plumb-bob distortion k1, k2, p1, p2, k3, (5,).
-        R: rectification, (3, 3).
-        P: projection of the rectified image, (3, 4).
-        X_BC: pose of the camera in the body frame.
     """
 
+    #: width, height: image size (px)
     width: int
     height: int
-    K: np.ndarray
-    D: np.ndarray
-    R: np.ndarray
-    P: np.ndarray
-    X_BC: RigidTransform
+    K: np.ndarray  #: intrinsics, (3, 3)
+    D: np.ndarray  #: plumb-bob distortion k1, k2, p1, p2, k3, (5,)
+    R: np.ndarray  #: rectification, (3, 3)
+    P: np.ndarray  #: projection of the rectified image, (3, 4)
+    X_BC: RigidTransform  #: pose of the camera in the body frame
 
 
 def make_camera_info(
     *, width: int, height: int, fov_y: float, X_BC: RigidTransform, D: ArrayLike = (0.0,) * 5
 ) -> CameraInfo:
-    """Returns the calibration of a camera with square pixels.
+    """Returns the calibration of a camera with square pixels; see CameraInfo.
 
-    Args:
-        width, height: image size (px).
-        fov_y: vertical field of view without distortion (rad).
-        X_BC: pose of the camera in the body frame.
-        D: plumb-bob distortion, (5,).
+    Args: fov_y: vertical field of view without distortion (rad).
     """
     f = height / 2 / np.tan(fov_y / 2)
     K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])

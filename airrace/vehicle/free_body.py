@@ -31,19 +31,12 @@ _NOTHING = (0.0, 0.0, 0.0)
 
 
 class Motion(NamedTuple):
-    """Pose and velocity of the body B in the world W, as in vehicle/state.py, but as tuples.
+    """Pose and velocity of the body B in the world W, as in vehicle/state.py, but as tuples."""
 
-    Attributes:
-        quaternion: of R_WB, [w, x, y, z].
-        position: p_WB (m).
-        angular_velocity: w_WB, in the axes of W (rad/s).
-        velocity: v_WB, in the axes of W (m/s).
-    """
-
-    quaternion: Quaternion
-    position: Triple
-    angular_velocity: Triple
-    velocity: Triple
+    quaternion: Quaternion  #: of R_WB, [w, x, y, z]
+    position: Triple  #: p_WB (m)
+    angular_velocity: Triple  #: w_WB, in the axes of W (rad/s)
+    velocity: Triple  #: v_WB, in the axes of W (m/s)
 
 
 @compilable
@@ -59,10 +52,7 @@ def motion_of(state: State) -> Motion:
 def angular_acceleration(moment: Vector, w_B: Vector, inertia: Vector) -> Triple:
     """Returns dw/dt in B (rad/s^2), by Euler's equations J dw/dt = M - w x J w.
 
-    Args:
-        moment: M, in B (N m).
-        w_B: angular velocity w_WB, in B (rad/s).
-        inertia: principal moments J in B (kg m^2).
+    Args: moment: M, in B (N m). w_B: w_WB, in B (rad/s). inertia: moments J in B (kg m^2).
     """
     J, M = inertia, difference(moment, cross(w_B, times(inertia, w_B)))
     return (M[0] / J[0], M[1] / J[1], M[2] / J[2])
@@ -75,7 +65,6 @@ def linear_acceleration(
     """Returns dv/dt in W (m/s^2), by Newton's law: R f + d + g.
 
     Args:
-        R_WB: attitude.
         specific_force: f, force by mass without gravity, in B (m/s^2).
         disturbance: d, acceleration by whatever else there is, in W (m/s^2).
     """
@@ -93,10 +82,7 @@ def next_motion(
     and the quaternion is not normalised (Castro et al., "An unconstrained convex formulation of
     compliant contact", 2022, where there is no contact).
 
-    Args:
-        motion: before the step.
-        specific_force, moment, inertia: see linear_acceleration() and angular_acceleration().
-        dt: of the step (s).
+    Args: see linear_acceleration() and angular_acceleration(); dt: of the step (s).
     """
     q, p, w, v = motion
     R_WB = rotation_rows(q)

@@ -17,34 +17,23 @@ class ImuErrors:
     bias starts anew each time the sensor is turned on and then is a random walk: in a time T it
     moves by a normal number of standard deviation walk sqrt(T). (IEEE Std 952, annex C, calls
     the three angle or velocity random walk, bias and rate random walk.)
-
-    Attributes:
-        gyro_noise: density (rad/s/sqrt(Hz)).
-        gyro_bias: standard deviation of the turn-on bias of each axis (rad/s).
-        gyro_walk: of the bias (rad/s/sqrt(s)).
-        gyro_range: the greatest rate that an axis shows (rad/s).
-        accelerometer_noise: density (m/s^2/sqrt(Hz)).
-        accelerometer_bias: standard deviation of the turn-on bias of each axis (m/s^2).
-        accelerometer_walk: of the bias (m/s^2/sqrt(s)).
-        accelerometer_range: the greatest specific force that an axis shows (m/s^2).
-        scale: standard deviation of the share by which an axis of either sensor shows too much.
-        axes: standard deviation of the share of another axis that an axis of either shows;
-            that is, of the angle between the axis and where it should be (rad).
-        latency: from the end of a sample until it can be read (s), as whole samples.
-        time_offset: by which the times that samples say are late, beside those of pictures (s).
     """
 
-    gyro_noise: float = 0.0
-    gyro_bias: float = 0.0
-    gyro_walk: float = 0.0
-    gyro_range: float = math.inf
-    accelerometer_noise: float = 0.0
-    accelerometer_bias: float = 0.0
-    accelerometer_walk: float = 0.0
-    accelerometer_range: float = math.inf
+    gyro_noise: float = 0.0  #: density (rad/s/sqrt(Hz))
+    gyro_bias: float = 0.0  #: standard deviation of the turn-on bias of each axis (rad/s)
+    gyro_walk: float = 0.0  #: of the bias (rad/s/sqrt(s))
+    gyro_range: float = math.inf  #: the greatest rate that an axis shows (rad/s)
+    accelerometer_noise: float = 0.0  #: density (m/s^2/sqrt(Hz))
+    accelerometer_bias: float = 0.0  #: standard deviation of the turn-on bias of each axis (m/s^2)
+    accelerometer_walk: float = 0.0  #: of the bias (m/s^2/sqrt(s))
+    accelerometer_range: float = math.inf  #: the greatest specific force that an axis shows (m/s^2)
+    #: Standard deviation of the share by which an axis of either sensor shows too much.
     scale: float = 0.0
+    #: Standard deviation of the share of another axis that an axis of either shows; that is, of the
+    #: angle between the axis and where it should be (rad).
     axes: float = 0.0
-    latency: float = 0.0
+    latency: float = 0.0  #: from the end of a sample until it can be read (s), as whole samples
+    #: By which the times that samples say are late, beside those of pictures (s).
     time_offset: float = 0.0
 
 

@@ -34,6 +34,5 @@ class Remaining:
 
 
 def _holds(allocation: np.ndarray, max_thrusts: np.ndarray, weight: float) -> bool:
-    hover = np.zeros(len(allocation))
-    hover[0] = weight
+    hover = weight * np.eye(len(allocation))[0]
     return bool(wrench_margin(allocation, max_thrusts, hover) > _LEAST_MARGIN)

@@ -12,20 +12,13 @@ class State(NamedTuple):
 
     The fields are numbers and arrays, each also for N samples at once. Compiled functions
     can make and read it.
-
-    Attributes:
-        time: (s).
-        quaternion: of R_WB, [w, x, y, z], (4,).
-        position: p_WB (m), (3,).
-        angular_velocity: w_WB, in the axes of W (rad/s), (3,).
-        velocity: v_WB, in the axes of W (m/s), (3,).
     """
 
-    time: float
-    quaternion: np.ndarray
-    position: np.ndarray
-    angular_velocity: np.ndarray
-    velocity: np.ndarray
+    time: float  #: s
+    quaternion: np.ndarray  #: of R_WB, [w, x, y, z], (4,)
+    position: np.ndarray  #: p_WB (m), (3,)
+    angular_velocity: np.ndarray  #: w_WB, in the axes of W (rad/s), (3,)
+    velocity: np.ndarray  #: v_WB, in the axes of W (m/s), (3,)
 
 
 _SHAPES = {"quaternion": 4, "position": 3, "angular_velocity": 3, "velocity": 3}

@@ -24,23 +24,14 @@ _R_BC_LEVEL = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0
 
 @dc.dataclass
 class Rotor:
-    """One rotor, thrusting along body z.
+    """One rotor, thrusting along body z."""
 
-    Attributes:
-        position: of the hub in the body frame, [x, y, z] (m).
-        direction: "ccw" or "cw", seen from above.
-        thrust_coefficient: c_f in thrust = c_f w^2 (N s^2).
-        torque_ratio: c_tf, drag torque per thrust (m).
-        max_thrust: (N).
-        radius: of the propeller's disc (m).
-    """
-
-    position: list[float] = dc.field(default_factory=list)
-    direction: str = ""
-    thrust_coefficient: float = float("nan")
-    torque_ratio: float = float("nan")
-    max_thrust: float = float("nan")
-    radius: float = float("nan")
+    position: list[float] = dc.field(default_factory=list)  #: of the hub in B, [x, y, z] (m)
+    direction: str = ""  #: "ccw" or "cw", seen from above
+    thrust_coefficient: float = float("nan")  #: c_f in thrust = c_f w^2 (N s^2)
+    torque_ratio: float = float("nan")  #: c_tf, drag torque per thrust (m)
+    max_thrust: float = float("nan")  #: N
+    radius: float = float("nan")  #: of the propeller's disc (m)
 
     @property
     def moment_ratio(self) -> float:
@@ -55,29 +46,21 @@ class Drag:
     With the velocity v of the body through the air and its angular velocity w,
     both in B, the force is -(linear + quadratic |v|) v and the moment -angular w,
     element by element.
-
-    Attributes:
-        linear: of the rotors in their inflow, [x, y, z] (N s/m).
-        quadratic: of the airframe, half of rho c_d A, [x, y, z] (N s^2/m^2).
-        angular: [x, y, z] (N m s).
     """
 
-    linear: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    linear: list[float] = dc.field(default_factory=lambda: [0.0] * 3)  #: of the rotors (N s/m)
+    #: Of the airframe, half of rho c_d A (N s^2/m^2).
     quadratic: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
-    angular: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    angular: list[float] = dc.field(default_factory=lambda: [0.0] * 3)  #: N m s
 
 
 @dc.dataclass
 class CameraMount:
-    """Pose of the camera in the body.
+    """Pose of the camera in the body."""
 
-    Attributes:
-        position: of the optical centre in the body frame, [x, y, z] (m).
-        rpy_deg: roll, pitch and yaw that turn it away from looking along body
-            x; pitch is positive downwards.
-    """
-
+    #: Of its optical centre (m).
     position: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    #: Roll, pitch and yaw that turn it away from looking along body x; pitch is positive downwards.
     rpy_deg: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
 
     @property
@@ -89,28 +72,19 @@ class CameraMount:
 
 @dc.dataclass
 class ImuMount:
-    """Where the inertial measurement unit is; its axes are those of the body.
+    """Where the inertial measurement unit is; its axes are those of the body."""
 
-    Attributes:
-        position: p_BI in the body frame, [x, y, z] (m).
-    """
-
-    position: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    position: list[float] = dc.field(default_factory=lambda: [0.0] * 3)  #: p_BI, in B (m)
 
 
 @dc.dataclass
 class Gains:
-    """Controller gains per unit of mass and inertia, so that they suit any drone.
+    """Controller gains per unit of mass and inertia, so that they suit any drone."""
 
-    Attributes:
-        position: (1/s^2). velocity: (1/s).
-        attitude: (1/s^2). angular_velocity: (1/s).
-    """
-
-    position: float = 7.0
-    velocity: float = 4.5
-    attitude: float = 180.0
-    angular_velocity: float = 22.0
+    position: float = 7.0  #: 1/s^2
+    velocity: float = 4.5  #: 1/s
+    attitude: float = 180.0  #: 1/s^2
+    angular_velocity: float = 22.0  #: 1/s
 
 
 @dc.dataclass
@@ -122,45 +96,29 @@ class OriginalGains:
     J s^4 + k_w s^3 + k_R s^2 + k_R k_v / m s + k_R k_x / m, is stable where
     k_R k_v (k_w - J k_v / m) > k_w^2 k_x (Routh's criterion). For the Default that is below
     J = 0.26 kg m^2: its own 0.010 is, the 1 kg m^2 of the original simulator would not be.
-
-    Attributes:
-        position: k_x (N/m). velocity: k_v (N s/m).
-        attitude: k_R (N m). angular_velocity: k_w (N m s).
     """
 
-    position: float = float("nan")
-    velocity: float = float("nan")
-    attitude: float = float("nan")
-    angular_velocity: float = float("nan")
+    position: float = float("nan")  #: k_x (N/m)
+    velocity: float = float("nan")  #: k_v (N s/m)
+    attitude: float = float("nan")  #: k_R (N m)
+    angular_velocity: float = float("nan")  #: k_w (N m s)
 
 
 @dc.dataclass
 class Vehicle:
-    """A multirotor.
+    """A multirotor."""
 
-    Attributes:
-        name: what results are filed under.
-        model: SDF file beside the YAML file; its one link is named ``body``.
-        mass: (kg).
-        inertia: principal moments about the body axes, [Jx, Jy, Jz] (kg m^2).
-        rotor_lag: time constant of a rotor's speed (s).
-        rotors: in the order of the rotor_speed_command.
-        camera, imu, drag: see there.
-        gains: of the geometric controller.
-        original_gains: the same, of the Student AirRace paper; None if that did not have the drone.
-    """
-
-    name: str = ""
-    model: str = ""
-    mass: float = float("nan")
-    inertia: list[float] = dc.field(default_factory=list)
-    rotor_lag: float = float("nan")
-    rotors: list[Rotor] = dc.field(default_factory=list)
+    name: str = ""  #: what results are filed under
+    model: str = ""  #: SDF file beside the YAML file; its one link is named ``body``
+    mass: float = float("nan")  #: kg
+    inertia: list[float] = dc.field(default_factory=list)  #: principal moments in B (kg m^2)
+    rotor_lag: float = float("nan")  #: time constant of a rotor's speed (s)
+    rotors: list[Rotor] = dc.field(default_factory=list)  #: in the order of the rotor_speed_command
     camera: CameraMount = dc.field(default_factory=CameraMount)
     imu: ImuMount = dc.field(default_factory=ImuMount)
     drag: Drag = dc.field(default_factory=Drag)
-    gains: Gains = dc.field(default_factory=Gains)
-    original_gains: OriginalGains | None = None
+    gains: Gains = dc.field(default_factory=Gains)  #: of the geometric controller
+    original_gains: OriginalGains | None = None  #: None if the paper did not have the drone
 
     @property
     def allocation(self) -> np.ndarray:
@@ -252,10 +210,7 @@ class Vehicle:
 
 
 def find_vehicle(drone: str) -> Path:
-    """Returns the path of a drone's vehicle.yaml.
-
-    Args:
-        drone: the name of a shipped drone, or the folder of another.
+    """Returns the path of the vehicle.yaml of a shipped drone, or in the folder of another.
 
     Raises:
         UserError: if there is neither.
@@ -272,13 +227,7 @@ def find_vehicle(drone: str) -> Path:
 
 
 def load_vehicle(drone: str) -> tuple[Vehicle, Path]:
-    """Loads and checks a vehicle.
-
-    Args:
-        drone: the name of a shipped drone, or the folder of another.
-
-    Returns:
-        the vehicle, and the path of its SDF file.
+    """Returns a checked vehicle, and the path of its SDF file; see find_vehicle().
 
     Raises:
         UserError: if there is no such drone or its file is wrong.

@@ -10,8 +10,7 @@ from pydrake.multibody.parsing import Parser
 from airrace.analysis import Run
 from airrace.analysis.recorded_events import recorded_events
 from airrace.common.errors import UserError
-from airrace.rendering.scene.pad import AddPad
-from airrace.rendering.scene.scenery import AddScenery
+from airrace.rendering.scene.scenery import AddPad, AddScenery
 from airrace.vehicle import load_vehicle
 from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
 from airrace.visualization.page_html import REPLAY, make_page, page_config

@@ -9,11 +9,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from airrace.common.errors import UserError
-from airrace.envs import action, observation
+from airrace.envs import ID, action
+from airrace.envs.options import OBSERVATIONS
 from airrace.envs.race_env import RaceEnv
-from airrace.envs.registration import ID
 
-COMBINATIONS = [(a, o) for a in action.KINDS for o in observation.KINDS]
+COMBINATIONS = [(a, o) for a in action.KINDS for o in OBSERVATIONS]
 # Flies the drone to a place by references.
 FLY = dict(action="reference", time_limit=60.0)
 

@@ -34,3 +34,5 @@ def test_many_at_once():
     a, b = np.random.default_rng(0).normal(size=(2, 3, 5))
     np.testing.assert_allclose(dot(a, b), np.sum(a * b, axis=0))
     np.testing.assert_allclose(cross(a, b), np.cross(a, b, axis=0))
+    R = np.random.default_rng(1).normal(size=(3, 3))
+    np.testing.assert_allclose(rotate(R, a), R @ a)

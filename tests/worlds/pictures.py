@@ -1,9 +1,12 @@
 """Camera poses, projections and measurements in pictures for the tests."""
 
+import functools
+
 import cv2
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
+from airrace.rendering.imaging.motion_blur import MeanPicture
 from airrace.track import MARKER_SIZE, Gate, Track
 from airrace.vehicle.camera_info import make_camera_info
 
@@ -94,3 +97,9 @@ def measure_corners(image, expected) -> np.ndarray:
         s = np.linalg.solve(np.column_stack([d, -e]), q - p)
         corners.append(p + s[0] * d)
     return np.array(corners)
+
+
+def take_picture(chain, render, X_WB, w_WB, v_WB, frame, out):
+    """Takes a picture through an ImagingChain with a renderer that draws whole ones."""
+    expose = functools.partial(MeanPicture, render)
+    chain.picture(expose, X_WB, w_WB, v_WB, frame).draw(out)

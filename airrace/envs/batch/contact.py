@@ -50,25 +50,17 @@ _OBSTACLE_RADIUS = max(_REACH, math.hypot(BOARD_OFFSET, _HALF_BOARD))
 
 
 class Shape(NamedTuple):
-    """What of a drone can touch something.
+    """What of a drone can touch something."""
 
-    Attributes:
-        spheres: centres in B and radii, (s, 4) m.
-        reach: of the sphere around B's origin that holds all (m).
-        standing_height: of B's origin over level ground that the drone stands on (m).
-    """
-
-    spheres: np.ndarray
-    reach: float
-    standing_height: float
+    spheres: np.ndarray  #: centres in B and radii, (s, 4) m
+    reach: float  #: of the sphere around B's origin that holds all (m)
+    standing_height: float  #: of B's origin over level ground that the drone stands on (m)
 
 
 def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
     """Returns the collision geometry of a drone.
 
-    Args:
-        vehicle, sdf: see load_vehicle().
-        clearance: by which the spheres are larger, but for a drone that stands (m).
+    Args: clearance: by which the spheres are larger, but for a drone that stands (m).
 
     Raises:
         UserError: if the model cannot be used, or has other shapes than spheres.
@@ -121,12 +113,18 @@ def touches_ground(motion: Motion, shape: Shape) -> bool:
 def touches_gate(motion: Motion, shape: Shape, track: int, courses: Courses) -> bool:
     """Whether some part of the drone is in a pylon or a board."""
     near = (shape.reach + _OBSTACLE_RADIUS) ** 2
+    R_WB = rotation_rows(motion.quaternion)
     for k in range(courses.counts[track]):
         gate = courses.gates[track, k]
         along, side = _from_gate(motion.position, gate)
         beside = abs(side) - gate[9]
-        if along * along + beside * beside < near and _touches(motion, shape, gate):
-            return True
+        if along * along + beside * beside >= near:
+            continue
+        for s in range(len(shape.spheres)):
+            p_BS = (shape.spheres[s, 0], shape.spheres[s, 1], shape.spheres[s, 2])
+            p_WS = added(motion.position, 1.0, rotate(R_WB, p_BS))
+            if _distance(p_WS, gate) < shape.spheres[s, 3]:
+                return True
     return False
 
 
@@ -138,50 +136,21 @@ def _from_gate(position, gate):
 
 
 @inlined
-def _touches(motion, shape, gate):
-    """Whether some sphere of the drone is in a pylon or a board of a gate."""
-    R_WB = rotation_rows(motion.quaternion)
-    for s in range(len(shape.spheres)):
-        p_BS = (shape.spheres[s, 0], shape.spheres[s, 1], shape.spheres[s, 2])
-        p_WS = added(motion.position, 1.0, rotate(R_WB, p_BS))
-        radius = shape.spheres[s, 3]
-        along, side = _from_gate(p_WS, gate)
-        hand = math.copysign(1.0, side)  # of the pylon on this side
-        if _distance_to_board(along, abs(side) - gate[9], p_WS[2]) < radius:
-            return True
-        x = p_WS[0] - gate[0] - hand * gate[9] * gate[6]
-        y = p_WS[1] - gate[1] - hand * gate[9] * gate[7]
-        if _distance_to_pylon(x, y, p_WS[2]) < radius:
-            return True
-    return False
+def _distance(p_WS, gate):
+    """Returns a position's distance from the nearer pylon of a gate, or its boards (m), see above.
 
-
-@inlined
-def _distance_to_board(along, beside, z):
-    """Returns the distance from the nearest board of a pylon (m), 0 in it.
-
-    Args:
-        along: forward of the pylon's axis, in the direction of flight (m).
-        beside: to the side of it (m).
-        z: height (m).
+    In a board it is zero, in a pylon negative.
     """
+    along, side = _from_gate(p_WS, gate)
     dx = max(abs(abs(along) - (BOARD_OFFSET - _HALF_THICKNESS)) - _HALF_THICKNESS, 0.0)
-    dy = max(abs(beside) - _HALF_BOARD, 0.0)
-    dz = max(abs(z - BOARD_HEIGHT) - _HALF_BOARD, 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@inlined
-def _distance_to_pylon(x, y, z):
-    """Returns the distance from the nearest plane of a pylon (m), see above; negative inside.
-
-    Args:
-        x, y: from its axis, in the world (m). z: height (m).
-    """
+    dy = max(abs(abs(side) - gate[9]) - _HALF_BOARD, 0.0)
+    dz = max(abs(p_WS[2] - BOARD_HEIGHT) - _HALF_BOARD, 0.0)
+    hand = math.copysign(1.0, side)  # of the pylon on this side
+    x = abs(p_WS[0] - gate[0] - hand * gate[9] * gate[6])
+    y = abs(p_WS[1] - gate[1] - hand * gate[9] * gate[7])
     # One eighth of the circle shows all: there, two facets may be the nearest.
-    x, y = abs(x), abs(y)
     x, y = max(x, y), min(x, y)
     outwards = max(x * _C1 + y * _S1, x * _C3 + y * _S3)
-    flank = outwards * _FLANK[0] + z * _FLANK[1] - _FLANK[2]
-    tip = outwards * _TIP[0] + z * _TIP[1] - _TIP[2]
-    return max(flank, tip, z - _TOP)
+    flank = outwards * _FLANK[0] + p_WS[2] * _FLANK[1] - _FLANK[2]
+    tip = outwards * _TIP[0] + p_WS[2] * _TIP[1] - _TIP[2]
+    return min(math.sqrt(dx * dx + dy * dy + dz * dz), max(flank, tip, p_WS[2] - _TOP))

@@ -4,34 +4,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import inlined
-from airrace.envs.reward import NEVER, CourseNumbers, make_course
+from airrace.envs.reward import NEVER, make_course
 from airrace.track import Track, start_pose
 from airrace.track.gate_opening import OPENING_SIZE
 
 
 class Courses(NamedTuple):
-    """T tracks of up to G gates.
+    """T tracks of up to G gates."""
 
-    Attributes:
-        counts: of gates, (T,).
-        goals: how many to pass until an episode is finished, (T,).
-        gates: numbers of their openings, see Opening; NaN beyond the last, (T, G, 15).
-        take_off_height: above which a drone flies (m), (T,).
-        arena_min: x and y of the arena, (T, 2) m.
-        arena_max: its x, y and z, (T, 3) m.
-        pads: quaternion of R_WB and p_WB of a drone that stands on its pad, (T, 7).
-        hover: p_WB (m) and heading (rad) of the first hover over the start, (T, 4).
-    """
-
-    counts: np.ndarray
-    goals: np.ndarray
-    gates: np.ndarray
-    take_off_height: np.ndarray
-    arena_min: np.ndarray
-    arena_max: np.ndarray
-    pads: np.ndarray
-    hover: np.ndarray
+    counts: np.ndarray  #: of gates, (T,)
+    goals: np.ndarray  #: how many to pass until an episode is finished, (T,)
+    gates: np.ndarray  #: numbers of their openings, see Opening; NaN beyond the last, (T, G, 15)
+    take_off_height: np.ndarray  #: above which a drone flies (m), (T,)
+    arena_min: np.ndarray  #: x and y of the arena, (T, 2) m
+    arena_max: np.ndarray  #: its x, y and z, (T, 3) m
+    pads: np.ndarray  #: quaternion of R_WB and p_WB of a drone that stands on its pad, (T, 7)
+    hover: np.ndarray  #: p_WB (m) and heading (rad) of the first hover over the start, (T, 4)
 
 
 def make_courses(
@@ -46,7 +34,6 @@ def make_courses(
     """Returns tracks as arrays.
 
     Args:
-        tracks: at least one.
         laps: from gate 1 to gate 1, after which a race is finished; None: it goes on.
         arena_margin: how far the arena reaches beyond the outermost pylons and upwards (m).
         radius: of the drone, see Vehicle (m).
@@ -80,16 +67,4 @@ def make_courses(
         arena_max=np.array([course.arena_max for course in courses]),
         pads=np.array(pads),
         hover=np.array(hover),
-    )
-
-
-@inlined
-def course_of(courses: Courses, track: int, first_gate: int) -> CourseNumbers:
-    """Returns one track as judge() takes it, as views, for an episode from a gate on."""
-    return CourseNumbers(
-        courses.gates[track, : courses.counts[track]],
-        courses.goals[track] + first_gate,
-        courses.take_off_height[track],
-        courses.arena_min[track],
-        courses.arena_max[track],
     )

@@ -6,14 +6,14 @@ LANES: row k of an array is quantity k of all of them, and element [k * LANES + 
 The functions called in the loops are those of one drone.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from airrace.common.jit import inlined
-from airrace.envs.batch.dynamics import Body, Wrench, next_motion
 from airrace.envs.batch.fleet import Bodies, Fleet
-from airrace.math.triples import rotate_back, rotation_rows
+from airrace.math.triples import added, difference, dot, rotate_back, rotation_rows, scaled, times
 from airrace.systems.control.rate_law import (
     RateParameters,
     set_limited_thrusts,
@@ -21,47 +21,35 @@ from airrace.systems.control.rate_law import (
     wanted_moment,
 )
 from airrace.systems.control.rotor_commands import speed_command
-from airrace.vehicle.free_body import Motion
+from airrace.vehicle.free_body import Motion, next_motion
 from airrace.vehicle.rotors import next_speed
 
 LANES = 16
-
 
 # The first row of quantities in Block.rows, see there.
 WRENCH, WIND, BODY, WANTED, MOMENT, EXCESS = 13, 17, 20, 24, 28, 31
 
 
 class Block(NamedTuple):
-    """The drones of a block, with n rotors; see above.
+    """The drones of a block, with n rotors; see above."""
 
-    Attributes:
-        rows: the motion, as Drake's floating-base state (13); from WRENCH on that of the rotors,
-            [f, Mx, My, Mz]; from WIND on the velocity of the air in the world (m/s); from BODY on
-            mass (kg) and principal moments of inertia (kg m^2); from WANTED on thrust (N) and
-            body rates (rad/s); from MOMENT on what the controller wants of it (N m); EXCESS: how
-            far some rotor is beyond its limits (N). They are one array, because the compiler
-            would have to prove that several do not overlap.
-        coefficients: of the rotors' thrusts (N s^2), n.
-        speeds: of the rotors (rad/s), n.
-        thrusts: of the rotors (N), n.
-        commands: q on their way to the rotors, the next first (rad/s), q n.
-        new: the command that is being made (rad/s), n.
-    """
-
+    #: The motion, as Drake's floating-base state (13); from WRENCH on that of the rotors, [f, Mx,
+    #: My, Mz]; from WIND on the velocity of the air in the world (m/s); from BODY on mass (kg) and
+    #: principal moments of inertia (kg m^2); from WANTED on thrust (N) and body rates (rad/s); from
+    #: MOMENT on what the controller wants of it (N m); EXCESS: how far some rotor is beyond its
+    #: limits (N). They are one array, because the compiler would have to prove that several do not
+    #: overlap.
     rows: np.ndarray
-    coefficients: np.ndarray
-    speeds: np.ndarray
-    thrusts: np.ndarray
-    commands: np.ndarray
-    new: np.ndarray
+    coefficients: np.ndarray  #: of the rotors' thrusts (N s^2), n
+    speeds: np.ndarray  #: of the rotors (rad/s), n
+    thrusts: np.ndarray  #: of the rotors (N), n
+    commands: np.ndarray  #: q on their way to the rotors, the next first (rad/s), q n
+    new: np.ndarray  #: the command that is being made (rad/s), n
 
 
 @inlined
 def make_block(rotors: int, queue: int) -> Block:
-    """Returns a block, in each lane a body at the origin without wind.
-
-    Args: rotors: of a drone. queue: number of commands on their way to the rotors.
-    """
+    """Returns a block of drones at the origin; queue: of commands on their way to the rotors."""
     rows = np.zeros((EXCESS + 1) * LANES)
     rows[:LANES] = 1.0  # quaternions
     rows[BODY * LANES : WANTED * LANES] = 1.0
@@ -145,17 +133,25 @@ def _set_triple(rows, k, lane, v):
 
 @inlined
 def step_plant(block: Block, drag: np.ndarray, dt: float) -> None:
-    """Advances the motion of all lanes by a step of the plant (s); drag: see Bodies."""
+    """Advances the motion of all lanes by a step of the plant (s), in the air.
+
+    Args: drag: of Bodies; force and moment are those of systems/plant/drag.py.
+    """
     linear = (drag[0, 0], drag[0, 1], drag[0, 2])
     quadratic = (drag[1, 0], drag[1, 1], drag[1, 2])
     angular = (drag[2, 0], drag[2, 1], drag[2, 2])
     rows = block.rows
     for lane in range(LANES):
+        motion, lift = motion_in(rows, lane), (0.0, 0.0, rows[WRENCH * LANES + lane])
+        R_WB = rotation_rows(motion.quaternion)
+        v_B = rotate_back(R_WB, difference(motion.velocity, _triple(rows, WIND, lane)))
+        w_B = rotate_back(R_WB, motion.angular_velocity)
+        drag_per_speed = added(linear, math.sqrt(dot(v_B, v_B)), quadratic)
+        force = added(lift, -1.0, times(drag_per_speed, v_B))
+        moment = added(_triple(rows, WRENCH + 1, lane), -1.0, times(angular, w_B))
+        specific_force = scaled(1.0 / rows[BODY * LANES + lane], force)
         inertia = _triple(rows, BODY + 1, lane)
-        body = Body(rows[BODY * LANES + lane], inertia, linear, quadratic, angular)
-        wrench = Wrench(rows[WRENCH * LANES + lane], _triple(rows, WRENCH + 1, lane))
-        wind = _triple(rows, WIND, lane)
-        set_motion(rows, lane, next_motion(motion_in(rows, lane), wrench, wind, body, dt))
+        set_motion(rows, lane, next_motion(motion, specific_force, moment, inertia, dt))
 
 
 @inlined
@@ -173,9 +169,17 @@ def sum_thrusts(block: Block, levers: np.ndarray) -> None:
 
 @inlined
 def follow_commands(block: Block, bodies: Bodies) -> None:
-    """Advances the rotors by one of their periods, see systems/plant/rotor_bank.py."""
+    """Advances the rotors by one of their periods, see systems/plant/rotor_bank.py.
+
+    Before, the new command is put behind those that are on their way.
+    """
     speeds, thrusts, commands = block.speeds, block.thrusts, block.commands
     coefficients, share = block.coefficients, bodies.step_share
+    size, last = len(block.new), len(commands) - len(block.new)
+    for k in range(last):
+        commands[k] = commands[k + size]
+    for k in range(size):
+        commands[last + k] = block.new[k]
     for i in range(len(bodies.max_speeds)):
         limit = bodies.max_speeds[i]
         for lane in range(LANES):
@@ -184,16 +188,6 @@ def follow_commands(block: Block, bodies: Bodies) -> None:
         for lane in range(LANES):
             speed, coefficient = speeds[i * LANES + lane], coefficients[i * LANES + lane]
             thrusts[i * LANES + lane] = coefficient * speed * speed
-
-
-@inlined
-def queue_command(block: Block) -> None:
-    """Puts the new command behind those that are on their way to the rotors."""
-    size, last = len(block.new), len(block.commands) - len(block.new)
-    for k in range(last):
-        block.commands[k] = block.commands[k + size]
-    for k in range(size):
-        block.commands[last + k] = block.new[k]
 
 
 @inlined
@@ -217,22 +211,16 @@ def control_rates(block: Block, rates: RateParameters) -> None:
         for lane in range(LANES):
             thrust, most = new[i * LANES + lane], rows[EXCESS * LANES + lane]
             rows[EXCESS * LANES + lane] = max(most, max(thrust - limit, -thrust))
+    thrusts = np.empty(n)
     for lane in range(LANES):
         if rows[EXCESS * LANES + lane] > 0.0:
-            _limit_thrusts(block, lane, rates)
+            f, moment = rows[WANTED * LANES + lane], _triple(rows, MOMENT, lane)
+            set_limited_thrusts(thrusts, f, moment, rates.inverse, rates.max_thrusts)
+            for i in range(n):
+                new[i * LANES + lane] = thrusts[i]
     overdrive = rates.overdrive
     for i in range(n):
         rotor = (rates.max_thrusts[i], rates.thrust_coefficients[i], rates.max_speeds[i])
         for lane in range(LANES):
             thrust, speed = new[i * LANES + lane], speeds[i * LANES + lane]
             new[i * LANES + lane] = speed_command(thrust, speed, rotor, overdrive)
-
-
-@inlined
-def _limit_thrusts(block, lane, rates):
-    """Brings the thrusts of a lane within their limits."""
-    thrusts, rows = np.empty(len(rates.max_thrusts)), block.rows
-    f, moment = rows[WANTED * LANES + lane], _triple(rows, MOMENT, lane)
-    set_limited_thrusts(thrusts, f, moment, rates.inverse, rates.max_thrusts)
-    for i in range(len(thrusts)):
-        block.new[i * LANES + lane] = thrusts[i]

@@ -11,7 +11,7 @@ import numpy as np
 
 from airrace.common.jit import compiled_in_threads, inlined
 from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
-from airrace.envs.batch.courses import Courses, course_of
+from airrace.envs.batch.courses import Courses
 from airrace.envs.batch.fleet import Bodies, Fleet
 from airrace.envs.batch.lanes import (
     LANES,
@@ -22,13 +22,12 @@ from airrace.envs.batch.lanes import (
     load,
     make_block,
     motion_in,
-    queue_command,
     set_motion,
     step_plant,
     store,
     sum_thrusts,
 )
-from airrace.envs.reward import RUNNING, RewardWeights, judge
+from airrace.envs.reward import RUNNING, CourseNumbers, RewardWeights, judge
 from airrace.math.triples import dot
 from airrace.systems.control.rate_law import RateParameters
 from airrace.systems.policy.command_scale import CommandScale
@@ -41,69 +40,38 @@ _FASTER = 5.0  # m/s, by which a drone may get faster within a step, and more th
 
 
 class Clock(NamedTuple):
-    """How often things happen.
+    """How often things happen."""
 
-    Attributes:
-        dt: of the plant (s).
-        steps: of the plant between two ticks of rotors and rate controller.
-        ticks: between two actions.
-        wind_steps: of the plant between two values of the wind.
-    """
-
-    dt: float
-    steps: int
-    ticks: int
-    wind_steps: int
-
-    @property
-    def period(self) -> float:
-        """Between two actions (s)."""
-        return self.dt * self.steps * self.ticks
+    dt: float  #: of the plant (s)
+    steps: int  #: of the plant between two ticks of rotors and rate controller
+    ticks: int  #: between two actions
+    wind_steps: int  #: of the plant between two values of the wind
+    period: float  #: between two actions (s)
 
 
 class World(NamedTuple):
-    """What does not change while the drones fly.
+    """What does not change while the drones fly."""
 
-    Attributes:
-        clock: how often things happen.
-        bodies: all drones.
-        shape: what of a drone can touch something.
-        courses: the tracks.
-        scale: what actions stand for.
-        by_rates: whether they are thrust and body rates, and not rotor speeds.
-        rates: of the rate controller.
-        weights: of the reward.
-        time_limit: in actions.
-        fade: of the gusts over one of their periods, see Wind. push: of their noise (m/s).
-    """
-
-    clock: Clock
-    bodies: Bodies
-    shape: Shape
-    courses: Courses
-    scale: CommandScale
-    by_rates: bool
-    rates: RateParameters
-    weights: RewardWeights
-    time_limit: int
-    fade: float
-    push: float
+    clock: Clock  #: how often things happen
+    bodies: Bodies  #: all drones
+    shape: Shape  #: what of a drone can touch something
+    courses: Courses  #: the tracks
+    scale: CommandScale  #: what actions stand for
+    by_rates: bool  #: whether they are thrust and body rates, and not rotor speeds
+    rates: RateParameters  #: of the rate controller
+    weights: RewardWeights  #: of the reward
+    time_limit: int  #: in actions
+    fade: float  #: of the gusts over one of their periods, see Wind
+    push: float  #: of their noise (m/s)
 
 
 class Results(NamedTuple):
-    """What a step gives back, for N drones.
+    """What a step gives back, for N drones."""
 
-    Attributes:
-        observations: (N, k) float32.
-        rewards: (N,).
-        outcomes: why an episode is over, see reward.REASONS, (N,).
-        truncated: whether the time is over, (N,).
-    """
-
-    observations: np.ndarray
-    rewards: np.ndarray
-    outcomes: np.ndarray
-    truncated: np.ndarray
+    observations: np.ndarray  #: (N, k) float32
+    rewards: np.ndarray  #: (N,)
+    outcomes: np.ndarray  #: why an episode is over, see reward.REASONS, (N,)
+    truncated: np.ndarray  #: whether the time is over, (N,)
 
 
 @compiled_in_threads
@@ -145,53 +113,44 @@ def advance(
             if not idle[i + lane]:
                 store(block, lane, i + lane, fleet)
                 _judge(i + lane, touched[lane], world, fleet, results)
+    observe_all(np.arange(first, last), world, fleet, results)
 
 
 @inlined
 def _judge(i, touched, world, fleet, results):
     """Writes what the step of drone i comes to."""
-    passed, course = fleet.passed[i], course_of(world.courses, fleet.track[i], fleet.first_gate[i])
-    fleet.steps[i] += 1
-    p, w = fleet.state[i, 4:7], fleet.state[i, 7:10]
-    judgement = judge(
-        fleet.before[i], p, w, touched, passed, fleet.airborne[i], course, world.weights
+    courses, track, passed = world.courses, fleet.track[i], fleet.passed[i]
+    course = CourseNumbers(
+        courses.gates[track, : courses.counts[track]],
+        courses.goals[track] + fleet.first_gate[i],
+        courses.take_off_height[track],
+        courses.arena_min[track],
+        courses.arena_max[track],
     )
-    if judgement.passed > passed:
-        _note_passage(i, course.gates, passed, world.clock, fleet)
+    before, p, w = fleet.before[i], fleet.state[i, 4:7], fleet.state[i, 7:10]
+    judgement = judge(before, p, w, touched, passed, fleet.airborne[i], course, world.weights)
+    if judgement.passed > passed and passed % len(course.gates) == 0:
+        share, _ = find(course.gates[0], before, p)
+        time = (fleet.steps[i] + share) * world.clock.period
+        fleet.lap_time[i] = time - fleet.lap_began[i]
+        fleet.lap_began[i] = time
+    fleet.steps[i] += 1
     for k in range(3):
         fleet.before[i, k] = p[k]
     fleet.passed[i], fleet.airborne[i] = judgement.passed, judgement.airborne
     results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
     over = judgement.outcome != RUNNING
     results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
-    _observe(i, course.gates, fleet, results.observations)
 
 
 @compiled_in_threads
 def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results) -> None:
     """Writes the observations of some drones, (k,), as they are."""
     for i in drones:
-        course = course_of(world.courses, fleet.track[i], fleet.first_gate[i])
-        _observe(i, course.gates, fleet, results.observations)
-
-
-@inlined
-def _observe(i, gates, fleet, observations):
-    """Writes the observation of drone i, on a track with these gates."""
-    write_gates_observation(
-        observations[i], as_plant_state(fleet.state[i]), gates, fleet.passed[i], fleet.action[i]
-    )
-
-
-@inlined
-def _note_passage(i, gates, passed, clock, fleet):
-    """Notes when a gate was passed in the step that is over, if it is gate 1."""
-    if passed % len(gates) == 0:
-        share, _ = find(gates[0], fleet.before[i], fleet.state[i, 4:7])
-        period = clock.dt * clock.steps * clock.ticks
-        time = (fleet.steps[i] - 1 + share) * period
-        fleet.lap_time[i] = time - fleet.lap_began[i]
-        fleet.lap_began[i] = time
+        track, state = fleet.track[i], as_plant_state(fleet.state[i])
+        gates = world.courses.gates[track, : world.courses.counts[track]]
+        observation = results.observations[i]
+        write_gates_observation(observation, state, gates, fleet.passed[i], fleet.action[i])
 
 
 @inlined
@@ -203,9 +162,11 @@ def _fly(first, count, block, touched, gusts, world, fleet):
     clock, bodies, shape, courses = world.clock, world.bodies, world.shape, world.courses
     near, standing = np.zeros(LANES, np.bool_), False
     for lane in range(count):
+        motion, track = motion_in(block.rows, lane), fleet.track[first + lane]
+        v = motion.velocity
+        way = (math.sqrt(dot(v, v)) + _FASTER) * clock.period
+        near[lane] = is_near_something(motion.position, way + shape.reach, track, courses)
         touched[lane] = False
-        track = fleet.track[first + lane]
-        near[lane] = _is_near(motion_in(block.rows, lane), clock, shape, track, courses)
         standing = standing or not fleet.airborne[first + lane]
     some_near = near.any()
     sum_thrusts(block, bodies.levers)
@@ -216,52 +177,26 @@ def _fly(first, count, block, touched, gusts, world, fleet):
         if some_near:
             for lane in range(count):
                 if near[lane]:
-                    touched[lane] |= _touches(
-                        first + lane, motion_in(block.rows, lane), world, fleet
-                    )
+                    motion, i = motion_in(block.rows, lane), first + lane
+                    touched[lane] |= touches_gate(motion, shape, fleet.track[i], courses)
+                    touched[lane] |= fleet.airborne[i] and touches_ground(motion, shape)
         before = block.rows
         if standing:
             before = block.rows.copy()
         step_plant(block, bodies.drag, clock.dt)
         if standing:
-            _hold(first, count, before, block, courses, fleet)
+            for lane in range(count):  # those on their pads stay where they are, and still
+                i = first + lane
+                pad = courses.pads[fleet.track[i], 6]
+                if not fleet.airborne[i] and block.rows[6 * LANES + lane] <= pad:
+                    was, still = motion_in(before, lane), (0.0, 0.0, 0.0)
+                    set_motion(block.rows, lane, Motion(was.quaternion, was.position, still, still))
         # What follows is seen by the next step of the plant.
         if at_tick:
-            if not world.by_rates:
-                queue_command(block)
             follow_commands(block, bodies)
             sum_thrusts(block, bodies.levers)
-            if world.by_rates:
-                queue_command(block)
         if gusts.shape[1] > 0:
             _blow(first, count, step, block, gusts, world, fleet)
-
-
-@inlined
-def _touches(i, motion, world, fleet):
-    """Whether drone i is in something: on its pad, only in gates."""
-    if touches_gate(motion, world.shape, fleet.track[i], world.courses):
-        return True
-    return fleet.airborne[i] and touches_ground(motion, world.shape)
-
-
-@inlined
-def _hold(first, count, before, block, courses, fleet):
-    """Holds those that stand on their pads where they were before the step, and still."""
-    for lane in range(count):
-        i = first + lane
-        pad = courses.pads[fleet.track[i], 6]
-        if not fleet.airborne[i] and block.rows[6 * LANES + lane] <= pad:
-            was, still = motion_in(before, lane), (0.0, 0.0, 0.0)
-            set_motion(block.rows, lane, Motion(was.quaternion, was.position, still, still))
-
-
-@inlined
-def _is_near(motion, clock, shape, track, courses):
-    """Whether a drone may touch something until its next action."""
-    v = motion.velocity
-    way = (math.sqrt(dot(v, v)) + _FASTER) * clock.dt * clock.steps * clock.ticks
-    return is_near_something(motion.position, way + shape.reach, track, courses)
 
 
 @inlined

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from airrace.common.errors import UserError
-from airrace.envs.action import action_scale
+from airrace.envs.action import action_scale, check_action
 from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_bodies, make_fleet, restart
@@ -41,7 +41,7 @@ class RaceVectorEnv(VectorEnv):
     """N drones, each alone on its track, in machine code: `airrace/Race-v0` as a batch.
 
     Actions, observations, rewards and ends of episodes are those of RaceEnv with the observation
-    ``gates``, and the drones fly as in its diagram, see flight.py. What differs: a drone is held
+    ``gates``, and the drones fly as in its diagram, see step.py. What differs: a drone is held
     by its pad until it lifts off, and of generated tracks there are some, of which each episode
     draws one.
 
@@ -111,7 +111,8 @@ class RaceVectorEnv(VectorEnv):
             push=push,
         )
         size, rotors = len(scale.center), len(self._vehicle.rotors)
-        queue = 1 + scenario.disturbances.periods_of_delay(period)
+        # What the rate controller computes at a tick reaches the rotors at the next.
+        queue = 1 + scenario.disturbances.periods_of_delay(period) + self._world.by_rates
         self._fleet = make_fleet(num_envs, rotors, size, queue)
         length = observation_size(wanted.gates, size)
         self._results = Results(
@@ -169,14 +170,15 @@ class RaceVectorEnv(VectorEnv):
             actions: -1 to 1, (num_envs, m).
 
         Raises:
-            ValueError: for actions of another shape, or that are not finite.
+            ValueError: see check_action().
         """
-        actions = self._checked(actions)
+        actions = check_action(actions, self.action_space.shape)
         results = self._results
         self._idle[:] = self._ended  # only with NEXT_STEP
-        gusts = np.empty((self.num_envs, 0, 3))
+        gusts, clock = np.empty((self.num_envs, 0, 3)), self._world.clock
         if self._world.push > 0.0:
-            gusts = self._winds.standard_normal((self.num_envs, self._values_of_wind(), 3))
+            most = -(-clock.steps * clock.ticks // clock.wind_steps)  # values of the wind in a step
+            gusts = self._winds.standard_normal((self.num_envs, most, 3))
         self._advance(actions, gusts)
         ended = results.truncated | (results.outcomes != RUNNING)
         if self._idle.any():
@@ -243,33 +245,10 @@ class RaceVectorEnv(VectorEnv):
         share = 1.0 + config.thrust_coefficient_error * errors[:, 2:]
         bodies.thrust_coefficients[drones] = share * self._vehicle.thrust_coefficients
 
-    def _checked(self, actions):
-        """Returns actions as an array of float64, (N, m)."""
-        try:
-            result = np.ascontiguousarray(actions, float)
-        except (TypeError, ValueError):
-            raise ValueError(f"The actions must be an array of numbers, not {actions!r}.") from None
-        if result.shape != self.action_space.shape:
-            raise ValueError(
-                f"The actions must have the shape {self.action_space.shape}, not {result.shape}."
-            )
-        if not np.isfinite(result).all():
-            drone = int(np.flatnonzero(~np.isfinite(result).all(axis=1))[0])
-            raise ValueError(
-                f"The actions must be finite numbers from -1 to 1; that of drone {drone} is "
-                f"{result[drone]}."
-            )
-        return result
-
-    def _values_of_wind(self):
-        """Returns how many values the wind has in a step, at most."""
-        clock = self._world.clock
-        return -(-clock.steps * clock.ticks // clock.wind_steps)
-
     def _info(self):
         fleet, clock = self._fleet, self._world.clock
         info = {
-            "time": fleet.steps * clock.dt * clock.steps * clock.ticks,
+            "time": fleet.steps * clock.period,
             "gates_passed": fleet.passed - fleet.first_gate,
             "next_gate": fleet.passed % self._world.courses.counts[fleet.track] + 1,
             "lap_time": fleet.lap_time.copy(),
@@ -304,7 +283,8 @@ def _make_clock(scenario: Scenario, step: float) -> Clock:
             "In a batch of drones, 1 / rotors.rate must be whole steps of the plant, and so must "
             f"be the wind's {WIND_PERIOD:g} s."
         )
-    return Clock(dt, *map(round, numbers))
+    steps, ticks, wind_steps = map(round, numbers)
+    return Clock(dt, steps, ticks, wind_steps, period=dt * steps * ticks)
 
 
 def _check(options: EnvOptions, scenario: Scenario, mode: AutoresetMode) -> RewardWeights:

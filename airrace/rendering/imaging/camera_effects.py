@@ -1,7 +1,6 @@
 """From ideal pictures to a camera's: shutter, lens and sensor in a row."""
 
 import dataclasses as dc
-import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -21,22 +20,16 @@ if TYPE_CHECKING:
 
 @dc.dataclass(frozen=True)
 class CameraEffects:
-    """What a real camera adds to an ideal picture; the defaults add nothing.
+    """What a real camera adds to an ideal picture; the defaults add nothing."""
 
-    Attributes:
-        shutter: how long it is open (s).
-        gain, vignetting, read_noise, shot_noise: see Sensor.
-        distortion: plumb-bob k1, k2, p1, p2, k3.
-        latency: from the middle of the exposure to the picture (s).
-    """
-
-    shutter: float = 0.0
+    shutter: float = 0.0  #: how long it is open (s)
+    #: gain, vignetting, read_noise, shot_noise: see Sensor
     gain: float = 1.0
     vignetting: float = 0.0
     read_noise: float = 0.0
     shot_noise: float = 0.0
-    distortion: tuple = (0.0, 0.0, 0.0, 0.0, 0.0)
-    latency: float = 0.0
+    distortion: tuple = (0.0, 0.0, 0.0, 0.0, 0.0)  #: plumb-bob k1, k2, p1, p2, k3
+    latency: float = 0.0  #: from the middle of the exposure to the picture (s)
 
 
 class ImagingChain:
@@ -49,16 +42,13 @@ class ImagingChain:
     """
 
     def __init__(self, *, effects: CameraEffects, camera_info: "CameraInfo", seed: int):
-        """Constructs the chain.
+        """Constructs the chain; raises UserError if the lens is impossible.
 
         Args:
-            effects: what to add; the latency is not of a picture, and the
-                distortion is that of camera_info.
+            effects: what to add; the latency is not of a picture, and the distortion is that of
+                camera_info.
             camera_info: of the camera's pictures.
             seed: of the noise, >= 0.
-
-        Raises:
-            UserError: if the lens is impossible.
         """
         self._lens = Lens(camera_info) if np.any(camera_info.D) else None
         self.pinhole = camera_info if self._lens is None else self._lens.pinhole
@@ -72,26 +62,6 @@ class ImagingChain:
             seed=seed,
         )
 
-    def take(
-        self,
-        render: "Callable[[RigidTransform, np.ndarray], None]",
-        X_WB: "RigidTransform",
-        w_WB: np.ndarray,
-        v_WB: np.ndarray,
-        frame: int,
-        out: np.ndarray,
-    ) -> None:
-        """Takes a picture.
-
-        Args:
-            render: draws the world for the camera ``pinhole``; called with its
-                pose X_WC and the array to draw into.
-            X_WB, w_WB, v_WB, frame: see picture().
-            out: RGBA or grey levels, see images.py; overwritten.
-        """
-        expose = functools.partial(MeanPicture, render)
-        self.picture(expose, X_WB, w_WB, v_WB, frame).draw(out)
-
     def picture(
         self,
         expose: Callable,
@@ -104,16 +74,12 @@ class ImagingChain:
         """Returns a picture to be drawn, perhaps piece by piece.
 
         Args:
-            expose: returns the mean of ideal pictures; called as
-                PlanarRenderer.expose() for the camera ``pinhole``.
-            X_WB: pose of the body that carries the camera, in the middle of the
-                exposure.
+            expose: returns the mean of ideal pictures, such as PlanarRenderer.expose();
+                called with weighted poses of the camera ``pinhole``, and that in the middle.
+            X_WB: pose of the body that carries the camera, in the middle of the exposure.
             w_WB, v_WB: its angular velocity (rad/s) and velocity (m/s) in world.
             frame: number of the picture >= 0.
             seed: of the noise, in the place of the chain's.
-
-        Returns:
-            an object with draw(out, boxes=None), see Exposure.
         """
         poses = self._shutter.poses(X_WB, w_WB, v_WB)
         ideal = expose(poses, X_WB @ self.pinhole.X_BC)

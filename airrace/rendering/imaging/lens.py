@@ -8,7 +8,6 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import read_only
-from airrace.common.jit import compiled
 from airrace.rendering.images import Box, crop, whole_box
 
 if TYPE_CHECKING:
@@ -26,50 +25,37 @@ class PixelMap:
         """Args: u, v: the pixels of the source, (h, w); neighbours stay neighbours."""
         self.shape = u.shape
         # OpenCV bends grey pictures a tenth quicker by them than by its fixed-point maps.
-        self._u, self._v = np.float32(u), np.float32(v)
+        self._u, self._v = u.astype(np.float32), v.astype(np.float32)
 
     def source(self, box: Box, size: tuple[int, int]) -> Box:
-        """Returns the box of the source that a box of the picture shows.
-
-        Args:
-            box: of the picture.
-            size: of the source, (w, h).
-        """
+        """Returns the box of a source of a size (w, h) that a box of the picture shows."""
         w, h = size
-        u0, v0, u1, v1 = _extent(self._u, self._v, Box(*box))
+        u, v = _rim(crop(self._u, box)), _rim(crop(self._v, box))
         # Two pixels at least for interpolation.
-        x0, y0, x1, y1 = (max(int(end), 0) for end in (u0, v0, u1 + 2, v1 + 2))
+        ends = u.min(), v.min(), u.max() + 2, v.max() + 2
+        x0, y0, x1, y1 = (max(int(end), 0) for end in ends)
         # Whole fours, as the background is drawn.
         return Box(x0 // 4 * 4, y0, min(-(-x1 // 4) * 4, w), min(y1, h))
 
     def bend(self, source: np.ndarray, out: np.ndarray, box: Box | None = None) -> None:
         """Draws the picture, or a box of it; black and opaque where the source ends.
 
-        Args:
-            source, out: RGBA or grey levels, see images.py.
-            box: the part to draw; None: all of it.
+        Args: source, out: RGBA or grey levels, see images.py. box: None: all of it.
         """
         box = whole_box(out) if box is None else box
         cv2.remap(
             source,
-            crop(self._u, box),  # type: ignore[arg-type]
-            crop(self._v, box),  # type: ignore[arg-type]
+            crop(self._u, box),
+            crop(self._v, box),
             cv2.INTER_LINEAR,
             dst=crop(out, box),
             borderValue=(0, 0, 0, 255),
         )
 
 
-@compiled
-def _extent(u, v, box):
-    """Returns the least u and v and the greatest in a box: they are on its rim."""
-    x0, y0, x1, y1 = box
-    least_u, least_v, most_u, most_v = u[y0, x0], v[y0, x0], u[y0, x0], v[y0, x0]
-    for y in range(y0, y1):
-        for x in range(x0, x1, 1 if y == y0 or y == y1 - 1 else max(x1 - x0 - 1, 1)):
-            least_u, most_u = min(least_u, u[y, x]), max(most_u, u[y, x])
-            least_v, most_v = min(least_v, v[y, x]), max(most_v, v[y, x])
-    return least_u, least_v, most_u, most_v
+def _rim(values: np.ndarray) -> np.ndarray:
+    """Returns the rows and columns around an array: the least and the greatest are there."""
+    return np.concatenate([values[0], values[-1], values[:, 0], values[:, -1]])
 
 
 class Lens:
@@ -82,14 +68,7 @@ class Lens:
     """
 
     def __init__(self, camera_info: "CameraInfo"):
-        """Constructs the lens of a camera.
-
-        Args:
-            camera_info: calibration with K and D.
-
-        Raises:
-            UserError: if D does not map rays to pixels one to one.
-        """
+        """Raises UserError if D does not map rays to pixels one to one."""
         K, D = camera_info.K, camera_info.D
         w, h = camera_info.width, camera_info.height
         u, v = np.meshgrid(np.arange(w, dtype=float), np.arange(h, dtype=float))

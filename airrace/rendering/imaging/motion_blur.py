@@ -1,5 +1,6 @@
 """Motion blur: a picture shows all that the camera sees while its shutter is open."""
 
+import dataclasses as dc
 import functools
 import math
 from collections.abc import Callable
@@ -11,7 +12,6 @@ from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.common.jit import compiled
 from airrace.math.vec3 import rotate
 from airrace.vehicle.state import State
 
@@ -34,14 +34,7 @@ def pose_of(state: State, dt: float = 0.0) -> RigidTransform:
 
 
 def moved(X_WB: RigidTransform, w_WB: np.ndarray, v_WB: np.ndarray, dt: float) -> RigidTransform:
-    """Returns a pose after a time of constant velocities.
-
-    Args:
-        X_WB: pose of the body.
-        w_WB: angular velocity in world (rad/s), (3,).
-        v_WB: velocity of the body's origin in world (m/s), (3,).
-        dt: may be negative (s).
-    """
+    """Returns a pose after a time dt (s), maybe negative, of constant velocities in the world."""
     rate = math.sqrt(np.dot(w_WB, w_WB))
     R_WB = X_WB.rotation()
     if rate > 0:
@@ -49,36 +42,22 @@ def moved(X_WB: RigidTransform, w_WB: np.ndarray, v_WB: np.ndarray, dt: float) -
     return RigidTransform(R_WB, X_WB.translation() + dt * v_WB)
 
 
+@dc.dataclass(frozen=True)
 class MeanPicture:
     """The mean of several pictures by a renderer that draws whole ones."""
 
-    def __init__(
-        self,
-        render: Callable[[RigidTransform, np.ndarray], None],
-        poses: list,
-        X_WC: RigidTransform | None = None,
-    ):
-        """Constructs the picture.
-
-        Args:
-            render: draws one; called with X_WC and the array to draw into.
-            poses: pairs of a weight and X_WC; the weights add up to 1.
-            X_WC: ignored: the pose in the middle.
-        """
-        self._render, self._poses = render, poses
+    #: Draws one; called with X_WC and the array to draw into.
+    render: Callable[[RigidTransform, np.ndarray], None]
+    poses: list  #: pairs of a weight and X_WC; the weights add up to 1
+    X_WC: RigidTransform | None = None  #: that in the middle, which is not used
 
     def draw(self, out: np.ndarray, boxes: ArrayLike | None = None) -> None:
-        """Draws it.
-
-        Args:
-            out: RGBA or grey levels, see images.py; overwritten.
-            boxes: ignored: the parts that must be drawn.
-        """
-        (total, X_WC), *others = self._poses
-        self._render(X_WC, out)
+        """Draws all of it, whatever the boxes; see Exposure.draw()."""
+        (total, X_WC), *others = self.poses
+        self.render(X_WC, out)
         picture = np.empty_like(out)
         for weight, X_WC in others:
-            self._render(X_WC, picture)
+            self.render(X_WC, picture)
             total += weight
             share = weight / total
             cv2.addWeighted(out, 1 - share, picture, share, 0.0, dst=out)
@@ -118,30 +97,13 @@ class Shutter:
         half = self._time / 2
         X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
         R_01, p_01 = X_01.rotation().matrix(), X_01.translation()
-        length = _longest_motion(R_01, p_01, self._K, self._p_C, self._pixels)
+        p_0 = rotate(R_01, self._p_C.T) + p_01[:, None]
+        u, v, _ = rotate(self._K, p_0) / np.maximum(p_0[2], 0.1 * _DISTANCE)
+        length = np.hypot(u - self._pixels[:, 0], v - self._pixels[:, 1]).max()
         if length <= _SHARP:
             return [(1.0, X_WC(0.0))]
         nodes, weights = _quadrature(min(max(2, math.ceil(length / _STEP)), _MOST))
         return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
-
-
-@compiled
-def _longest_motion(
-    R_01: np.ndarray, p_01: np.ndarray, K: np.ndarray, points: np.ndarray, pixels: np.ndarray
-) -> float:
-    """Returns how far a point moves in the picture at most (px).
-
-    Args:
-        R_01, p_01: the camera's pose at the end of the exposure, in that at its beginning.
-        K: calibration.
-        points, pixels: in the camera's frame at the beginning (m), and in the picture, (n, 3).
-    """
-    longest = 0.0
-    for p, pixel in zip(points, pixels):
-        q = rotate(R_01, p) + p_01
-        x, y, _ = rotate(K, q) / max(q[2], 0.1 * _DISTANCE)
-        longest = max(longest, math.hypot(x - pixel[0], y - pixel[1]))
-    return longest
 
 
 @functools.cache

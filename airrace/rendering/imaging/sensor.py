@@ -21,36 +21,26 @@ _ZERO, _HALF, _ONE, _WHITEST = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 
 class Light(typing.NamedTuple):
-    """How much of the light becomes signal.
+    """How much of the light becomes signal."""
 
-    Attributes:
-        gain: on the brightness.
-        vignetting: what is lost of it, per 1 - cos^4 of the angle off axis.
-        across, down: squared tangents of this angle, along a row, (w,), and a column, (h,).
-    """
-
-    gain: float
-    vignetting: float
+    gain: float  #: on the brightness
+    vignetting: float  #: what is lost of it, per 1 - cos^4 of the angle off axis
+    #: across, down: squared tangents of this angle, along a row, (w,), and a column, (h,)
     across: np.ndarray
     down: np.ndarray
 
 
 class Noise(typing.NamedTuple):
-    """The noise of one picture, float32.
+    """The noise of one picture, float32."""
 
-    Attributes:
-        read, shot: its variance in the dark, and for each grey level.
-        sheet: normal numbers, int8; empty for no noise.
-        x, y: the place in the sheet that is the picture's first pixel.
-        step: what 1 is there, in standard deviations, with a sign.
-    """
-
+    #: read, shot: its variance in the dark, and for each grey level
     read: float
     shot: float
-    sheet: np.ndarray
+    sheet: np.ndarray  #: normal numbers, int8; empty for no noise
+    #: x, y: the place in the sheet that is the picture's first pixel
     x: int
     y: int
-    step: float
+    step: float  #: what 1 is there, in standard deviations, with a sign
 
 
 class Sensor:
@@ -79,12 +69,11 @@ class Sensor:
         """Constructs the sensor.
 
         Args:
-            camera_info: calibration.
             gain: on the brightness.
             vignetting: share of the light lost in the corners, 0 to 1.
             read_noise: standard deviation in the dark (grey levels).
             shot_noise: variance for each grey level of brightness.
-            seed: of the noise, >= 0.
+            camera_info, seed: calibration; of the noise, >= 0.
         """
         self._is_ideal = gain == 1 and vignetting == 0 and read_noise == 0 and shot_noise == 0
         K, w, h = camera_info.K, camera_info.width, camera_info.height
@@ -121,8 +110,7 @@ class Sensor:
 
         Args:
             image: RGBA or grey levels, see images.py.
-            frame: number of the picture >= 0; the noise is a function of it and
-                of the place.
+            frame: number of the picture >= 0; the noise is a function of it and of the place.
             boxes: the parts of it that are changed, (n, 4); None: all of it.
             seed: of the noise, in the place of the sensor's.
         """
@@ -143,38 +131,35 @@ def _expose(image, boxes, light, noise):
     channels, step = image.shape[2], noise.step
     silence = np.zeros(image.shape[1], np.int8)
     for x0, y0, x1, y1 in boxes:
-        across = light.across[x0:x1]
-        factors, added = np.empty(len(across), np.float32), np.empty(len(across), np.float32)
+        n, across = x1 - x0, light.across[x0:x1]
+        levels, factors = np.empty(n, np.float32), np.empty(n, np.float32)
+        added = np.empty(n, np.float32)
         for row in range(y0, y1):
             samples = silence[x0:x1]
             if len(noise.sheet) > 0:
                 samples = noise.sheet[noise.y + row, noise.x + x0 : noise.x + x1]
-            for k in range(len(across)):
+            pixels, only = image[row, x0:x1], image.reshape(len(image), -1)[row, x0:x1]
+            if channels == 1:
+                for k in range(n):
+                    levels[k] = np.float32(only[k])
+            else:
+                for k in range(n):
+                    level = _LUMA[0] * np.float32(pixels[k, 0])
+                    for c in range(1, 3):
+                        level += _LUMA[c] * np.float32(pixels[k, c])
+                    levels[k] = level
+            for k in range(n):
                 cos2 = _ONE / (_ONE + across[k] + light.down[row])
                 factors[k] = light.gain * (_ONE - light.vignetting * (_ONE - cos2 * cos2))
+                variance = noise.read + noise.shot * min(factors[k] * levels[k], _WHITEST)
+                added[k] = step * np.float32(samples[k]) * np.sqrt(variance)
             if channels == 1:
-                only = image.reshape(len(image), -1)[row, x0:x1]
-                for k in range(len(across)):
-                    level = factors[k] * np.float32(only[k])
-                    only[k] = _grey_level(
-                        level + step * np.float32(samples[k]) * _sigma(level, noise)
-                    )
-                continue
-            pixels = image[row, x0:x1]
-            for k in range(len(across)):
-                level = _LUMA[0] * np.float32(pixels[k, 0])
-                for c in range(1, 3):
-                    level += _LUMA[c] * np.float32(pixels[k, c])
-                added[k] = step * np.float32(samples[k]) * _sigma(factors[k] * level, noise)
-            for k in range(len(across)):
-                for c in range(3):
-                    pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + added[k])
-
-
-@compilable
-def _sigma(level, noise):
-    """Returns the standard deviation of the noise at a brightness."""
-    return np.sqrt(noise.read + noise.shot * min(level, _WHITEST))
+                for k in range(n):
+                    only[k] = _grey_level(factors[k] * levels[k] + added[k])
+            else:
+                for k in range(n):
+                    for c in range(3):
+                        pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + added[k])
 
 
 @compilable

@@ -34,30 +34,19 @@ _GROUND = {
 
 
 class Tables(typing.NamedTuple):
-    """What a ray shows, by the sine of its angle below the horizon.
+    """What a ray shows, by the sine of its angle below the horizon."""
 
-    Attributes:
-        colors: of the sky, then of the ground, (2 _HALF, channels).
-        darkening: how much darker the texture makes each channel per grey level, (2 _HALF,
-            layers, channels).
-    """
-
-    colors: np.ndarray
+    colors: np.ndarray  #: of the sky, then of the ground, (2 _HALF, channels)
+    #: How much darker the texture makes each channel per grey level, (2 _HALF, layers, channels).
     darkening: np.ndarray
 
 
 class Rays(typing.NamedTuple):
-    """The rays of a small picture.
+    """The rays of a small picture."""
 
-    Attributes:
-        p_WC: where they begin, (3,) m.
-        R_Wuv: takes (u, v, 1) to their directions in the world, (3, 3).
-        shortening: 1 / lengths of these, (h, w).
-    """
-
-    p_WC: np.ndarray
-    R_Wuv: np.ndarray
-    shortening: np.ndarray
+    p_WC: np.ndarray  #: where they begin, (3,) m
+    R_Wuv: np.ndarray  #: takes (u, v, 1) to their directions in the world, (3, 3)
+    shortening: np.ndarray  #: 1 / lengths of these, (h, w)
 
 
 class Background:
@@ -79,19 +68,19 @@ class Background:
         self._sky = {channels: colors_for(channels, sky) for channels in _GROUND}
 
     def paint(self, out: np.ndarray, boxes: ArrayLike, poses: list) -> None:
-        """Fills boxes of a picture with the mean of the backgrounds from some poses.
+        """Fills boxes, (n, 4), of a picture, (h, w, channels), with the mean of backgrounds.
 
-        Args:
-            out: the picture, (h, w, channels).
-            boxes: (n, 4).
-            poses: pairs of a weight and the camera's pose X_WC; the weights add up to 1.
+        Args: poses: pairs of a weight and the camera's pose X_WC; the weights add up to 1.
         """
         rays = [
             Rays(X.translation(), X.rotation().matrix() @ self._K_inverse, self._shortening)
             for _, X in poses
         ]
         channels = out.shape[2]
-        tables = [self._tables(each.p_WC[2], channels) for each in rays]
+        tables = [
+            _tables(max(each.p_WC[2], _LOWEST), self._focal, self._sky[channels], _GROUND[channels])
+            for each in rays
+        ]
         for box in (Box(*box) for box in np.asarray(boxes).tolist()):
             # What it shows of the small picture, and a pixel more for interpolation.
             small = Box(
@@ -105,33 +94,21 @@ class Background:
             if len(poses) > 1:
                 weights = [np.float32(weight) for weight, _ in poses]
                 mean = np.uint8(sum(w * picture for w, picture in zip(weights, pictures)) + 0.5)
-            _enlarge(mean, small, out, box)  # type: ignore[arg-type]
-
-    def _tables(self, height: float, channels: int) -> Tables:
-        """Returns the Tables of a camera at a height (m)."""
-        tables = Tables(
-            np.empty((2 * _HALF, channels)), np.zeros((2 * _HALF, len(_TEXELS), channels))
-        )
-        tables.colors[:_HALF] = self._sky[channels]
-        _fill_ground(tables, max(height, _LOWEST), self._focal, *_GROUND[channels])
-        return tables
+            _enlarge(mean, small, out, box)
 
 
 @compiled
-def _fill_ground(
-    tables: Tables,
-    height: float,
-    focal: float,
-    grass: np.ndarray,
-    horizon: np.ndarray,
-    tint: np.ndarray,
-) -> None:
-    """Fills the ground's half of Tables.
+def _tables(height, focal, sky, ground):
+    """Returns the Tables of a camera.
 
     Args:
         height: of the camera (m). focal: of the small picture (px).
-        grass, horizon, tint: colours, and how much the texture shows in them, (channels,).
+        sky: its half of the colours. ground: see _GROUND.
     """
+    channels = sky.shape[1]
+    grass, horizon, tint = ground
+    tables = Tables(np.empty((2 * _HALF, channels)), np.zeros((2 * _HALF, len(_TEXELS), channels)))
+    tables.colors[:_HALF] = sky
     for i in range(_HALF):
         sine = (i + 0.5) / _HALF
         clear = 1.0 - haze(height / sine)
@@ -147,6 +124,7 @@ def _fill_ground(
                 if contrast >= 0.5:  # a grey level is the least that shows
                     tables.darkening[_HALF + i, k, c] = contrast * tint[c] / 255
             tables.colors[_HALF + i, c] = min(level, 255.0)
+    return tables
 
 
 @compiled
@@ -154,7 +132,7 @@ def _draw(box, rays, tables, texture):
     """Returns a box of the small picture, (h, w, channels)."""
     x, y, height = rays.p_WC[0], rays.p_WC[1], max(rays.p_WC[2], _LOWEST)
     X, Y, Z = rays.R_Wuv
-    channels = tables.colors.shape[1]
+    channels, last, detail = tables.colors.shape[1], len(texture) - 2, np.empty(len(_DENSITY))
     out = np.empty((box.y1 - box.y0, box.x1 - box.x0, channels), np.uint8)
     for v in range(box.y0, box.y1):
         for u in range(box.x0, box.x1):
@@ -168,36 +146,27 @@ def _draw(box, rays, tables, texture):
             along = height / max(down, 1e-9)
             x_W = x + along * (X[0] * u + (X[1] * v + X[2]))
             y_W = y + along * (Y[0] * u + (Y[1] * v + Y[2]))
-            near = _interpolate(texture, x_W * _DENSITY[0], y_W * _DENSITY[0])
-            far = _interpolate(texture, x_W * _DENSITY[1], y_W * _DENSITY[1])
+            for k in range(len(_DENSITY)):  # the texture between four texels, bilinearly
+                p, q = x_W * _DENSITY[k], y_W * _DENSITY[k]
+                a, b = np.floor(p), np.floor(q)
+                i, j = int(b) & last, int(a) & last
+                here, aside = float(texture[i, j]), float(texture[i, j + 1])
+                under, across = float(texture[i + 1, j]), float(texture[i + 1, j + 1])
+                top, bottom = here + (p - a) * (aside - here), under + (p - a) * (across - under)
+                detail[k] = top + (q - b) * (bottom - top)
             for c in range(channels):
                 level = tables.colors[entry, c] + 0.5
-                level -= near * tables.darkening[entry, 0, c]
-                level -= far * tables.darkening[entry, 1, c]
+                for k in range(len(_DENSITY)):
+                    level -= detail[k] * tables.darkening[entry, k, c]
                 pixel[c] = np.uint8(np.int32(max(level, 0.0)))
     return out
 
 
 @compiled
-def _interpolate(texture, p, q):
-    """Returns the texture of grass at (p, q) texels, between them bilinearly."""
-    a, b = np.floor(p), np.floor(q)
-    right, below = p - a, q - b
-    size = len(texture) - 1
-    i, j = int(b) & (size - 1), int(a) & (size - 1)
-    here, aside = float(texture[i, j]), float(texture[i, j + 1])
-    under, across = float(texture[i + 1, j]), float(texture[i + 1, j + 1])
-    top, bottom = here + right * (aside - here), under + right * (across - under)
-    return top + below * (bottom - top)
+def _enlarge(picture, small, out, box):
+    """Draws a part of the small picture, the box ``small``, into a box of the large one, ``out``.
 
-
-@compiled
-def _enlarge(picture: np.ndarray, small: Box, out: np.ndarray, box: Box) -> None:
-    """Draws a box: interpolates bilinearly to twice the small size, and doubles pixels.
-
-    Args:
-        picture: a part of the small picture. small: which part.
-        out: the large picture, (h, w, channels). box: the box of it.
+    It interpolates bilinearly to twice the small size, and doubles pixels.
     """
     h, w, channels = picture.shape
     n, source, target = w * channels, picture.reshape(h, -1), out.reshape(len(out), -1)

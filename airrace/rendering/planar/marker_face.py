@@ -26,6 +26,7 @@ _MODULES_TO_M = np.array(
 _MOST_SAMPLES = 4  # of a pixel along either side
 _LAST = np.float32(_MODULES)
 _CONTRAST = np.float32(WHITE - BLACK)
+_BIT, _TWO, _THREE = np.int32(1), np.int32(2), np.int32(3)
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 # The face of a board in a picture.
@@ -35,40 +36,30 @@ FACE = np.dtype(
         ("crossings", np.int32, 8),  # see marker_crossings()
         ("first", np.float64),  # column
         ("middle", np.float64),  # column
-        ("across", np.int64),  # samples of a pixel along a row
-        ("down", np.int64),  # and along a column
+        ("samples", np.int64, 2),  # of a pixel along a row, and along a column
     ],
     align=True,
 )
 
 
 class _SampleRow(typing.NamedTuple):
-    """Samples of a row of pixels: points (x + k, y), k = skipped, skipped + 1, ...
-
-    Attributes:
-        middle: the middle column of the face.
-        across, down: how many samples a pixel has along its sides.
-    """
+    """Samples of a row of pixels: points (x + k, y), k = skipped, skipped + 1, ..."""
 
     x: float
     y: float
     skipped: int
-    middle: float
+    middle: float  #: the middle column of the face
+    #: across, down: how many samples a pixel has along its sides
     across: int
     down: int
 
 
 @functools.cache
 def marker_crossings(marker_id: int) -> np.ndarray:
-    """Returns what meets at every crossing of the lines between a marker's modules.
+    """Returns what meets at every crossing of the lines between a marker's modules, int32, (8,).
 
-    Args:
-        marker_id: ArUco ID in DICT_ARUCO_ORIGINAL.
-
-    Returns:
-        int32, (8,), of the lines from the top; in each, four bits for every line from the
-        left: whether white is upper left, upper right, lower left, lower right of where they
-        cross, from the least.
+    For each line from the top it has four bits for every line from the left: whether white is
+    upper left, upper right, lower left, lower right of where they cross, from the least.
     """
     white = np.pad(marker_modules(marker_id), 1, constant_values=True).astype(np.uint32)
     codes = white[:-1, :-1] + 2 * white[:-1, 1:] + 4 * white[1:, :-1] + 8 * white[1:, 1:]
@@ -84,10 +75,8 @@ def set_face(
     A pixel is divided into samples such that none shows more than one crossing of lines.
 
     Args:
-        face: the FACE.
         H: homography from (x, y, 1) of the board's plane to pixels, (3, 3).
-        crossings: see marker_crossings().
-        first, middle: columns of the board.
+        crossings: see marker_crossings(). first, middle: columns of the board.
     """
     columns = (H @ _MODULES_TO_M).T.copy()
     to_modules = face.to_modules
@@ -100,14 +89,10 @@ def set_face(
     x, y = H[0, 2] / H[2, 2], H[1, 2] / H[2, 2]
     w = W[0] * x + W[1] * y + W[2]
     u, v = (U[0] * x + U[1] * y + U[2]) / w, (V[0] * x + V[1] * y + V[2]) / w
-    face.across = _sample_count(max(abs(U[0] - u * W[0]), abs(V[0] - v * W[0])) / abs(w))
-    face.down = _sample_count(max(abs(U[1] - u * W[1]), abs(V[1] - v * W[1])) / abs(w))
-
-
-@compilable
-def _sample_count(modules: float) -> int:
-    """Returns how many samples a pixel needs along a side that is so many modules long."""
-    return int(math.ceil(max(modules, 1.0))) if modules < _MOST_SAMPLES else _MOST_SAMPLES
+    for k in range(2):
+        modules = max(abs(U[k] - u * W[k]), abs(V[k] - v * W[k])) / abs(w)  # along a pixel's side
+        few = modules < _MOST_SAMPLES
+        face.samples[k] = int(math.ceil(max(modules, 1.0))) if few else _MOST_SAMPLES
 
 
 @compiled
@@ -120,27 +105,14 @@ def face_levels(face: np.record, start: int, stop: int, y: int, scratch: np.ndar
 
     Args:
         face: a FACE.
-        start, stop: the columns of the first pixel, and of the one after the last.
-        y: the row.
-        scratch: (5, stop - start or more), float32; changed.
-
-    Returns:
-        the levels, float32, a part of scratch.
+        start, stop: the columns of the first pixel, and of the one after the last. y: the row.
+        scratch: (5, stop - start or more), float32; changed: the levels are a part of it.
     """
     n = stop - start
     levels = scratch[0][:n]
     column, right, row, below = scratch[1][:n], scratch[2][:n], scratch[3][:n], scratch[4][:n]
-    c0, c1, c2, c3, c4, c5, c6, c7 = (
-        face.crossings[0],
-        face.crossings[1],
-        face.crossings[2],
-        face.crossings[3],
-        face.crossings[4],
-        face.crossings[5],
-        face.crossings[6],
-        face.crossings[7],
-    )
-    across, down = face.across, face.down
+    c0, c1, c2, c3, c4, c5, c6, c7 = face.crossings
+    across, down = face.samples
     U, V, W = face.to_modules
     weight = _CONTRAST / np.float32(across * down)
     levels[:] = np.float32(BLACK)
@@ -160,24 +132,15 @@ def face_levels(face: np.record, start: int, stop: int, y: int, scratch: np.ndar
             code = c6 if row[k] >= np.float32(6) else code
             code = c7 if row[k] >= np.float32(7) else code
             code = np.int32(code >> np.int32(np.int32(4) * np.int32(column[k])))
-            upper = _mix(code, np.int32(0), right[k])
-            lower = _mix(code, np.int32(2), right[k])
+            a, b = np.float32(code & _BIT), np.float32((code >> _BIT) & _BIT)
+            c, d = np.float32((code >> _TWO) & _BIT), np.float32((code >> _THREE) & _BIT)
+            upper, lower = a + right[k] * (b - a), c + right[k] * (d - c)
             levels[k] += weight * (upper + below[k] * (lower - upper))
     return levels
 
 
-@compilable
-def _mix(code, bit, share):
-    """Returns what is between a bit and the next one of a code, as 0 or 1."""
-    a = np.float32((code >> bit) & np.int32(1))
-    b = np.float32((code >> np.int32(bit + np.int32(1))) & np.int32(1))
-    return a + share * (b - a)
-
-
 @compiled
-def _find_lines(
-    lines: np.ndarray, beyond: np.ndarray, U: np.ndarray, W: np.ndarray, samples: "_SampleRow"
-) -> None:
+def _find_lines(lines, beyond, U, W, samples):
     """Finds which line is nearest to every sample of a row, and how much of it is beyond.
 
     A sample is a parallelogram across the line: its width is distributed as the sum of two
@@ -186,7 +149,7 @@ def _find_lines(
     Args:
         lines, beyond: where to put numbers of lines, and shares of samples, (n,), float32.
         U, W: (3,), u = U (x, y, 1) / W (x, y, 1) counts the lines.
-        samples: the row.
+        samples: the row, a _SampleRow.
     """
     x, y = samples.x, samples.y
     # How fast u grows along a pixel's sides hardly changes along the row.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airrace.common.jit import compilable, compiled
-from airrace.rendering.images import Box, as_box, colors_for, intersection, is_empty
+from airrace.rendering.images import Box, colors_for, intersection, is_empty
 from airrace.rendering.planar.marker_face import face_levels
 
 MOST_SIDES = 5  # four, and one where the near plane cuts a corner off
@@ -46,17 +46,11 @@ POLYGON = np.dtype(
 
 
 class DisplayList(typing.NamedTuple):
-    """The polygons of one or more exposures, back to front.
+    """The polygons of one or more exposures, back to front."""
 
-    Attributes:
-        polygons: of the type POLYGON, (n,).
-        faces: of those that have one, FACE, (n,).
-        starts: the first polygon of each exposure, and the end of the last, (k + 1,).
-    """
-
-    polygons: np.ndarray
-    faces: np.ndarray
-    starts: np.ndarray
+    polygons: np.ndarray  #: of the type POLYGON, (n,)
+    faces: np.ndarray  #: of those that have one, FACE, (n,)
+    starts: np.ndarray  #: the first polygon of each exposure, and the end of the last, (k + 1,)
 
 
 class Span(typing.NamedTuple):
@@ -81,10 +75,8 @@ def set_polygon(
     """Fills a POLYGON; corners that coincide have no edge between them.
 
     Args:
-        polygon: the POLYGON.
         corners: (n or more, 2) px, either way round. n: how many; none fill the box.
-        end: EXACT or OVERLAPPING. color: (5,).
-        box: what the polygon can touch.
+        end: EXACT or OVERLAPPING. color: (5,). box: what the polygon can touch.
     """
     polygon.box[0], polygon.box[1], polygon.box[2], polygon.box[3] = box.x0, box.y0, box.x1, box.y1
     polygon.end, polygon.has_face = end, False
@@ -113,15 +105,11 @@ def set_polygon(
 
 @compilable
 def end_at_seam(polygon: np.record, edge: int) -> None:
-    """Ends a polygon sharply at one of its edges, where another polygon begins.
+    """Ends a polygon of four sides sharply at the edge of an index, where another one begins.
 
     A pixel there is painted by the polygon that its centre is in. Fading out over each other
     is for edges that something else is behind; inside of a body it would take half as much
     time again, and nobody sees it.
-
-    Args:
-        polygon: a POLYGON; if it has not four sides, nothing happens.
-        edge: its index.
     """
     if polygon.sides == 4:
         a, c = polygon.a[edge], polygon.c[edge]
@@ -188,52 +176,32 @@ def paint(
     Args:
         image: the background, (h, w, channels), uint8; painted over.
         boxes: the parts to paint, (n, 4).
-        display_list: of the exposures.
         shares: of the exposures, uint16; they add up to WHOLE.
     """
     scratch = np.empty((5, image.shape[1]), np.float32)
-    if len(shares) == 1:
-        for k in range(len(boxes)):
-            _paint_exposure(image, as_box(boxes[k]), display_list, 0, scratch)
-        return
     layer, total = np.empty_like(image), np.empty(image.shape, np.uint16)
-    for k in range(len(boxes)):
-        box = as_box(boxes[k])
-        for y in range(box.y0, box.y1, _TILE_H):
-            for x in range(box.x0, box.x1, _TILE_W):
-                tile = Box(x, y, min(x + _TILE_W, box.x1), min(y + _TILE_H, box.y1))
-                # What all exposures have in common need not be averaged.
-                tile = _touched(tile, display_list.polygons)
-                if not is_empty(tile):
-                    _average(image, tile, display_list, shares, layer, total, scratch)
+    for x0, y0, x1, y1 in boxes:
+        if len(shares) == 1:
+            _paint_exposure(image, Box(x0, y0, x1, y1), display_list, 0, scratch)
+            continue
+        for y in range(y0, y1, _TILE_H):
+            for x in range(x0, x1, _TILE_W):
+                tile = Box(x, y, min(x + _TILE_W, x1), min(y + _TILE_H, y1))
+                _average(image, tile, display_list, shares, layer, total, scratch)
 
 
 @compilable
-def _touched(box: Box, polygons: np.ndarray) -> Box:
-    """Returns the smallest box that holds what polygons can touch of a box."""
-    x0, y0, x1, y1 = box.x1, box.y1, box.x0, box.y0
-    for i in range(len(polygons)):
-        part = intersection(as_box(polygons[i].box), box)
+def _average(image, tile, display_list, shares, layer, total, scratch):
+    """Paints the mean of exposures into a tile; layer, total: scratch of the image's shape."""
+    # Only where some exposure has a polygon: the rest need not be averaged.
+    x0, y0, x1, y1 = tile.x1, tile.y1, tile.x0, tile.y0
+    for polygon in display_list.polygons:
+        part = intersection(polygon.box, tile)
         if not is_empty(part):
             x0, y0, x1, y1 = min(x0, part.x0), min(y0, part.y0), max(x1, part.x1), max(y1, part.y1)
-    return Box(x0, y0, x1, y1)
-
-
-@compilable
-def _average(
-    image: np.ndarray,
-    box: Box,
-    display_list: DisplayList,
-    shares: np.ndarray,
-    layer: np.ndarray,
-    total: np.ndarray,
-    scratch: np.ndarray,
-) -> None:
-    """Paints the mean of exposures into a box; see paint().
-
-    Args:
-        layer, total: scratch, like the image, of uint8 and uint16.
-    """
+    box = Box(x0, y0, x1, y1)
+    if is_empty(box):
+        return
     h, channels = len(image), image.shape[2]
     first, last = box.x0 * channels, box.x1 * channels
     behind, levels, sums = image.reshape(h, -1), layer.reshape(h, -1), total.reshape(h, -1)
@@ -255,62 +223,43 @@ def _average(
 
 
 @compilable
-def _paint_exposure(
-    image: np.ndarray, box: Box, display_list: DisplayList, k: int, scratch: np.ndarray
-) -> None:
+def _paint_exposure(image, box, display_list, k, scratch):
     """Paints a box of exposure k over what is there."""
     for i in range(display_list.starts[k], display_list.starts[k + 1]):
         polygon = display_list.polygons[i]
-        part = intersection(as_box(polygon.box), box)
+        part = intersection(polygon.box, box)
         if not is_empty(part):
-            if polygon.has_face:
-                _paint_face(image, part, polygon, display_list.faces[i], scratch)
-            else:
-                _paint_color(image, part, polygon)
+            _paint_polygon(image, part, polygon, display_list.faces[i], scratch)
 
 
 @compiled
-def _paint_color(image: np.ndarray, box: Box, polygon: np.record) -> None:
-    """Paints a polygon in its colour, within a box."""
-    channels = image.shape[2]
-    color = polygon.color[_GREY:] if channels == 1 else polygon.color[:channels]
-    for y in range(box.y0, box.y1):
-        row, span = image[y], row_span(polygon, y, box.x0, box.x1)
-        for c in range(channels):
-            level = np.uint8(color[c] + 0.5)
-            for pixel in row[span.full_start : span.full_stop]:
-                pixel[c] = level
-        for start, stop in ((span.start, span.full_start), (span.full_stop, span.stop)):
-            for x in range(start, stop):
-                share = coverage(polygon, x, y)
-                for c in range(channels):
-                    row[x, c] = _blend(row[x, c], color[c], share)
+def _paint_polygon(image, box, polygon, face, scratch):
+    """Paints a polygon in its colour, or with the face of a board, within a box.
 
-
-@compiled
-def _paint_face(
-    image: np.ndarray, box: Box, polygon: np.record, face: np.record, scratch: np.ndarray
-) -> None:
-    """Paints a polygon with the face of a board, within a box; opacity stays as it is."""
-    shown = min(image.shape[2], 3)
+    A face leaves the opacity as it is.
+    """
+    channels, has_face = image.shape[2], polygon.has_face
+    shown = min(channels, 3) if has_face else channels
+    color, levels = polygon.color[_GREY:] if channels == 1 else polygon.color[:channels], scratch[0]
     for y in range(box.y0, box.y1):
         row, span = image[y], row_span(polygon, y, box.x0, box.x1)
         if span.start == span.stop:
             continue
-        levels = face_levels(face, span.start, span.stop, y, scratch)
-        full = levels[span.full_start - span.start : span.full_stop - span.start]
-        pixels = row[span.full_start : span.full_stop]
+        full = row[span.full_start : span.full_stop]
+        if has_face:
+            levels = face_levels(face, span.start, span.stop, y, scratch)
+        first = span.full_start - span.start
         for c in range(shown):
-            for k in range(len(full)):
-                pixels[k, c] = np.uint8(np.int32(full[k] + np.float32(0.5)))
+            if has_face:
+                for k in range(len(full)):
+                    full[k, c] = np.uint8(np.int32(levels[first + k] + np.float32(0.5)))
+            else:
+                flat = np.uint8(color[c] + 0.5)
+                for k in range(len(full)):
+                    full[k, c] = flat
         for start, stop in ((span.start, span.full_start), (span.full_stop, span.stop)):
             for x in range(start, stop):
                 share = coverage(polygon, x, y)
                 for c in range(shown):
-                    row[x, c] = _blend(row[x, c], levels[x - span.start], share)
-
-
-@compilable
-def _blend(behind, level, share):
-    """Returns a level over what is behind it, of which it hides a share."""
-    return np.uint8(np.int32(behind + share * (level - float(behind)) + 0.5))
+                    level, behind = levels[x - span.start] if has_face else color[c], row[x, c]
+                    row[x, c] = np.uint8(np.int32(behind + share * (level - float(behind)) + 0.5))

@@ -15,17 +15,11 @@ NEAR = 0.05  # depth of the near plane: nothing before it is drawn (m)
 
 
 class View(typing.NamedTuple):
-    """A picture from one place.
+    """A picture from one place."""
 
-    Attributes:
-        P: K R_CW, (3, 3).
-        picture: the Box of all its pixels.
-        parts: those parts of it that are drawn, boxes (n, 4).
-    """
-
-    P: np.ndarray
-    picture: Box
-    parts: np.ndarray
+    P: np.ndarray  #: K R_CW, (3, 3)
+    picture: Box  #: the Box of all its pixels
+    parts: np.ndarray  #: those parts of it that are drawn, boxes (n, 4)
 
 
 @compilable
@@ -33,12 +27,10 @@ def clip_near(points_h: np.ndarray, numbers: np.ndarray, corners: np.ndarray) ->
     """Clips a convex polygon at the near plane: Sutherland and Hodgman, CACM 17 (1974).
 
     Args:
-        points_h: homogeneous pixels, (m, 3).
-        numbers: which of them are its corners, (n,).
+        points_h: homogeneous pixels, (m, 3). numbers: which of them are its corners, (n,).
         corners: where to put those of what is left, (u, v), (n + 1, 2).
 
-    Returns:
-        how many are left.
+    Returns how many are left.
     """
     count = 0
     for i in range(len(numbers)):
@@ -56,11 +48,9 @@ def clip_near(points_h: np.ndarray, numbers: np.ndarray, corners: np.ndarray) ->
 
 @compilable
 def bounding_box(corners: np.ndarray, n: int, limits: Box) -> Box:
-    """Returns the box that holds a polygon and its smooth edges.
+    """Returns the box that holds a polygon and its smooth edges, within limits.
 
-    Args:
-        corners: (n or more, 2) px. n: how many there are; none have an empty box.
-        limits: a Box that the box is cut at.
+    Args: corners: (n or more, 2) px. n: how many there are; none have an empty box.
     """
     u0, v0, u1, v1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(n):

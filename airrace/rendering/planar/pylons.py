@@ -7,7 +7,8 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
-from airrace.math.vec3 import dot, from_columns, rotate, rotate_each
+from airrace.math.small_matrices import product
+from airrace.math.vec3 import dot
 from airrace.rendering.images import Box, touches
 from airrace.rendering.planar.marker_face import marker_crossings, set_face
 from airrace.rendering.planar.polygons import (
@@ -18,7 +19,7 @@ from airrace.rendering.planar.polygons import (
     with_grey,
 )
 from airrace.rendering.planar.projection import View, bounding_box, clip_near
-from airrace.rendering.scene.pylon_shape import make_pylon_shape
+from airrace.rendering.scene.pylon_shape import PylonShape, make_pylon_shape
 from airrace.rendering.scene.textures import BOARD_BACK, HORIZON, haze
 from airrace.track import BOARD_SIZE, PYLON_BASE_RADIUS, PYLON_HEIGHT, Course
 
@@ -30,19 +31,12 @@ _BACK = with_grey([BOARD_BACK])[0]
 
 
 class Posts(typing.NamedTuple):
-    """The pylons and boards of a course, of which there may be none.
+    """The pylons and boards of a course, of which there may be none."""
 
-    Attributes:
-        feet: of the pylons, two a gate, (2 n, 3) m.
-        p_FM_W: of the boards, two a pylon, from its foot, (4 n, 3) m.
-        R_MW: of the boards, (4 n, 3, 3).
-        crossings: of their markers, see marker_crossings(), (4 n, 8).
-    """
-
-    feet: np.ndarray
-    p_FM_W: np.ndarray
-    R_MW: np.ndarray
-    crossings: np.ndarray
+    feet: np.ndarray  #: of the pylons, two a gate, (2 n, 3) m
+    p_FM_W: np.ndarray  #: of the boards, two a pylon, from its foot, (4 n, 3) m
+    R_MW: np.ndarray  #: of the boards, (4 n, 3, 3)
+    crossings: np.ndarray  #: of their markers, see marker_crossings(), (4 n, 8)
 
 
 def make_posts(track: Course) -> Posts:
@@ -57,40 +51,19 @@ def make_posts(track: Course) -> Posts:
     )
 
 
-class Polyhedron(typing.NamedTuple):
-    """A pylon as it is drawn, its foot at the origin; see PylonShape.
-
-    Attributes:
-        sides: of the cone; so many facets after each other are a ring.
-        vertices: (v, 3) m.
-        facets: numbers of vertices, (f, 4).
-        normals, offsets: outwards, (f, 3), and their product with any point of the facet, (f,).
-        colors: (f, 5).
-    """
-
-    sides: int
-    vertices: np.ndarray
-    facets: np.ndarray
-    normals: np.ndarray
-    offsets: np.ndarray
-    colors: np.ndarray
-
-
-def _polyhedron(sides: int, tip_rings: int) -> Polyhedron:
+def _drawn(sides: int, tip_rings: int) -> PylonShape:
+    """Returns a pylon without the facets of its flank in one colour; its colours are (f, 5)."""
     shape = make_pylon_shape(sides, tip_rings)
-    drawn = slice(sides, None)  # the first facets are the flank in one colour
-    return Polyhedron(
-        sides,
-        shape.vertices,
-        shape.facets[drawn],
-        shape.facet_normals[drawn],
-        shape.facet_offsets[drawn],
-        with_grey(shape.facet_colors[drawn]),
+    return shape._replace(
+        facets=shape.facets[sides:],
+        facet_normals=shape.facet_normals[sides:],
+        facet_offsets=shape.facet_offsets[sides:],
+        facet_colors=with_grey(shape.facet_colors[sides:]),
     )
 
 
 # From near to far, and up to which distances (m).
-_DETAILS = (_polyhedron(16, 3), _polyhedron(12, 1), _polyhedron(6, 0))
+_DETAILS = (_drawn(16, 3), _drawn(12, 1), _drawn(6, 0))
 _LIMITS = (15.0, 40.0)
 MOST_FACETS = max(len(detail.facets) for detail in _DETAILS)
 _HORIZON = with_grey([HORIZON])[0]
@@ -103,13 +76,8 @@ _HULL_SIDES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
 
 @compiled
 def pylon_box(p_CF_W: np.ndarray, view: View) -> Box:
-    """Returns the Box of what a pylon and its boards can touch of a picture.
-
-    Args:
-        p_CF_W: from the camera to its foot, (3,) m.
-        view: see View.
-    """
-    hull_h, corners, n = rotate_each(view.P, _HULL + p_CF_W), np.empty((20, 2)), 0
+    """Returns what a pylon and its boards can touch; p_CF_W: from camera to foot, (3,) m."""
+    hull_h, corners, n = product(_HULL + p_CF_W, view.P.T), np.empty((20, 2)), 0
     for side in _HULL_SIDES:
         n += clip_near(hull_h, side, corners[n:])
     return bounding_box(corners, n, view.picture)
@@ -119,34 +87,24 @@ def pylon_box(p_CF_W: np.ndarray, view: View) -> Box:
 def is_inside(p_CF_W: np.ndarray) -> bool:
     """Whether the camera is inside the pylon with its foot there; (3,) m."""
     shape = _DETAILS[0]
-    return p_CF_W[2] < 0.0 and np.all(dot(shape.normals.T, -p_CF_W) < shape.offsets)  # type: ignore[return-value]
+    return p_CF_W[2] < 0.0 and np.all(dot(shape.facet_normals.T, -p_CF_W) < shape.facet_offsets)  # type: ignore[return-value]
 
 
 @compiled
-def _add_pylon(polygons: np.ndarray, n: int, p_CF_W: np.ndarray, view: View, box: Box) -> int:
-    """Adds the polygons of a pylon.
-
-    Args:
-        polygons: POLYGONs. n: how many there are so far.
-        p_CF_W: from the camera to its foot, (3,) m.
-        view: see View.
-        box: see pylon_box().
-
-    Returns:
-        how many polygons there are now.
-    """
+def _add_pylon(polygons, n, p_CF_W, view, box):
+    """Adds the polygons of a pylon, see pylon_box(); returns how many there are now."""
     distance = math.hypot(p_CF_W[0], p_CF_W[1])
     shape = _DETAILS[0 if distance <= _LIMITS[0] else 1 if distance <= _LIMITS[1] else 2]
     veil = haze(distance)
-    points_h = rotate_each(view.P, shape.vertices + p_CF_W)
-    is_front = dot(shape.normals.T, -p_CF_W) > shape.offsets
+    points_h = product(shape.vertices + p_CF_W, view.P.T)
+    is_front = dot(shape.facet_normals.T, -p_CF_W) > shape.facet_offsets
     corners = np.empty((5, 2))
     for i in np.flatnonzero(is_front):
         count = clip_near(points_h, shape.facets[i], corners)
         facet_box = bounding_box(corners, count, box)
         if not touches(facet_box, view.parts):
             continue
-        color = (1.0 - veil) * shape.colors[i] + veil * _HORIZON
+        color = (1.0 - veil) * shape.facet_colors[i] + veil * _HORIZON
         set_polygon(polygons[n], corners, count, OVERLAPPING, color, facet_box)
         if count == 4:
             ring, side = i - i % shape.sides, i % shape.sides
@@ -184,47 +142,28 @@ def add_post(
         return n
     for front in (False, True):
         for b in range(2 * i, 2 * i + 2):
-            p_CM_W = p_CF_W + posts.p_FM_W[b]
-            x_M, y_M, z_M = posts.R_MW[b]
-            if (dot(p_CM_W, z_M) < 0.0) == front:
-                P, crossings = view.P, posts.crossings[b]
-                H = from_columns(rotate(P, x_M), rotate(P, y_M), rotate(P, p_CM_W))
-                n = _add_board(polygons, faces, n, H, crossings, front, view)
+            if (dot(p_CF_W + posts.p_FM_W[b], posts.R_MW[b, 2]) < 0.0) == front:
+                n = _add_board(polygons, faces, n, posts, b, p_CF_W, view)
         if not front:
             n = _add_pylon(polygons, n, p_CF_W, view, box)
     return n
 
 
 @compiled
-def _add_board(
-    polygons: np.ndarray,
-    faces: np.ndarray,
-    n: int,
-    H: np.ndarray,
-    crossings: np.ndarray,
-    front: bool,
-    view: View,
-) -> int:
-    """Adds a board.
-
-    Args:
-        polygons, faces: POLYGONs and FACEs. n: how many there are so far.
-        H: homography from (x, y, 1) of its plane to pixels, (3, 3).
-        crossings: see marker_crossings().
-        front: whether its face is seen, or its back.
-        view: see View.
-
-    Returns:
-        how many polygons there are now.
-    """
+def _add_board(polygons, faces, n, posts, b, p_CF_W, view):
+    """Adds board b, its face or its back; returns how many polygons there are now."""
+    x_M, y_M, z_M = posts.R_MW[b]
+    p_CM_W = p_CF_W + posts.p_FM_W[b]
+    # From (x, y, 1) of the board's plane to pixels.
+    H = product(view.P, np.column_stack((x_M, y_M, p_CM_W)))
     corners = np.empty((5, 2))
-    count = clip_near(rotate_each(H, _CORNERS), _NUMBERS, corners)
+    count = clip_near(product(_CORNERS, H.T), _NUMBERS, corners)
     box = bounding_box(corners, count, view.picture)
     if not touches(box, view.parts):
         return n
     set_polygon(polygons[n], corners, count, EXACT, _BACK, box)
-    if front:
+    if dot(p_CM_W, z_M) < 0.0:
         polygons[n].has_face = True
         middle = (box.x0 + min(box.x1 + 1, view.picture.x1)) / 2
-        set_face(faces[n], H, crossings, box.x0, middle)
+        set_face(faces[n], H, posts.crossings[b], box.x0, middle)
     return n + 1

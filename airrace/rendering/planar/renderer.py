@@ -1,6 +1,8 @@
 """Draws the scene without a graphics library: flat boards, convex pylons, solids, a plane."""
 
+import dataclasses as dc
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -8,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airrace.common.jit import compiled
+from airrace.math.vec3 import dot
 from airrace.rendering.images import Box, as_boxes, with_channels
 from airrace.rendering.planar.background import Background
 from airrace.rendering.planar.marker_face import FACE
@@ -22,7 +25,7 @@ from airrace.rendering.planar.polygons import (
 )
 from airrace.rendering.planar.projection import View
 from airrace.rendering.planar.pylons import MOST_FACETS, add_post, is_inside, make_posts
-from airrace.rendering.planar.solids import add_solid, make_solids, solid_distance
+from airrace.rendering.planar.solids import add_solid, make_solids
 from airrace.rendering.scene.textures import EARTH, PYLON_COLOR
 
 if TYPE_CHECKING:
@@ -61,8 +64,7 @@ class PlanarRenderer:
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
             out: RGBA or grey levels, see images.py; contiguous; overwritten.
-            gate_shifts: of every gate of pylons from its place in the track, (n, 2) m, if gates
-                move.
+            gate_shifts: of every gate of pylons from its place, (n, 2) m, if gates move.
         """
         self.expose([(1.0, X_WC)], X_WC, gate_shifts).draw(out)
 
@@ -76,8 +78,7 @@ class PlanarRenderer:
         lie about as far apart as the mean of all is wide.
 
         Args:
-            poses: pairs of a weight and the pose of the camera; the weights add
-                up to 1.
+            poses: pairs of a weight and X_WC; the weights add up to 1.
             X_WC: the pose in the middle.
             gate_shifts: as for render().
         """
@@ -107,32 +108,22 @@ def _fill_black(out: np.ndarray, boxes: ArrayLike) -> None:
         out[y0:y1, x0:x1, 3:] = 255
 
 
+@dc.dataclass(frozen=True)
 class Exposure:
     """The mean of pictures, any part of which can be drawn by itself.
 
     A pixel does not depend on what else is drawn, or when.
     """
 
-    def __init__(
-        self,
-        paint_background: Callable[[np.ndarray, np.ndarray], None],
-        display_list: Callable[[np.ndarray], DisplayList],
-        shares: np.ndarray,
-    ):
-        """Args: functions of (out, boxes) and of boxes; shares: see paint()."""
-        self._paint_background, self._display_list = paint_background, display_list
-        self._shares = shares
+    paint_background: Callable[[np.ndarray, np.ndarray], None]  #: of a picture and boxes
+    display_list: Callable[[np.ndarray], DisplayList]  #: of boxes
+    shares: np.ndarray  #: see paint()
 
     def draw(self, out: np.ndarray, boxes: ArrayLike | None = None) -> None:
-        """Draws it.
-
-        Args:
-            out: RGBA or grey levels, see images.py; overwritten.
-            boxes: the parts to draw, none of which overlap; None: all of it.
-        """
+        """Draws it into RGBA or grey levels; boxes: parts that do not overlap; None: all of it."""
         boxes, out = as_boxes(boxes, out), with_channels(out)
-        self._paint_background(out, boxes)
-        paint(out, boxes, self._display_list(boxes), self._shares)
+        self.paint_background(out, boxes)
+        paint(out, boxes, self.display_list(boxes), self.shares)
 
 
 @functools.lru_cache(maxsize=16)
@@ -143,12 +134,12 @@ def _shares_of(weights: Sequence[float]) -> np.ndarray:
 
 @compiled
 def _display_list(posts, solids, R_WC, p_WC, K, picture, parts):
-    """Returns the DisplayList of a scene in exposures from some poses of the camera.
+    """Returns the DisplayList of Posts and Solids in exposures from some poses of the camera.
+
+    What is nearer hides the rest.
 
     Args:
-        posts, solids: what there is, Posts and Solids. Of these, what is nearer hides the rest.
-        R_WC, p_WC: the poses, (k, 3, 3) and (k, 3).
-        K: calibration. picture: Box of all pixels.
+        R_WC, p_WC: the poses, (k, 3, 3) and (k, 3). K: calibration. picture: Box of all pixels.
         parts: of the picture, boxes (m, 4); what touches none is left out.
     """
     most = len(posts.feet) * MOST_FACETS + len(posts.p_FM_W) + len(solids.corners)
@@ -160,8 +151,9 @@ def _display_list(posts, solids, R_WC, p_WC, K, picture, parts):
         view = View(K @ R_WC[k].T, picture, parts)
         for i in range(count):
             distances[i] = np.hypot(posts.feet[i, 0] - p_WC[k, 0], posts.feet[i, 1] - p_WC[k, 1])
-        for i in range(count, len(distances)):
-            distances[i] = solid_distance(solids, solids.behind + i - count, p_WC[k])
+        for i in range(solids.behind, len(solids.low)):  # from the boxes around them
+            off = np.maximum(np.maximum(solids.low[i] - p_WC[k], p_WC[k] - solids.high[i]), 0.0)
+            distances[count + i - solids.behind] = math.sqrt(dot(off, off))
         if p_WC[k, 2] <= 0.0:
             set_polygon(polygons[n], _NO_CORNERS, 0, EXACT, _EARTH, picture)
             n += 1

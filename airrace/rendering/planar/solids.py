@@ -1,12 +1,12 @@
 """Square gates and halls as polygons: flat faces, back to front."""
 
-import math
 import typing
 
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math.vec3 import dot, rotate_each
+from airrace.math.small_matrices import product
+from airrace.math.vec3 import dot
 from airrace.rendering.images import touches
 from airrace.rendering.planar.polygons import EXACT, end_at_seam, set_polygon, with_grey
 from airrace.rendering.planar.projection import View, bounding_box, clip_near
@@ -22,20 +22,16 @@ class Solids(typing.NamedTuple):
 
     Within a solid, no face that is seen hides another one; solids hide each other by their
     distances. Both hold for frames and columns that keep apart.
-
-    Attributes:
-        behind: how many these are; they are drawn in their order.
-        corners, normals, colors, mitred: of all faces, (f, 4, 3) m, (f, 3), (f, 5) and (f,).
-        starts: the first face of each solid, and the end of the last, (k + 1,).
-        low, high: of boxes around the solids along the world's axes, (k, 3) m.
     """
 
-    behind: int
+    behind: int  #: how many these are; they are drawn in their order
+    #: corners, normals, colors, mitred: of all faces, (f, 4, 3) m, (f, 3), (f, 5) and (f,)
     corners: np.ndarray
     normals: np.ndarray
     colors: np.ndarray
     mitred: np.ndarray
-    starts: np.ndarray
+    starts: np.ndarray  #: the first face of each solid, and the end of the last, (k + 1,)
+    #: low, high: of boxes around the solids along the world's axes, (k, 3) m
     low: np.ndarray
     high: np.ndarray
 
@@ -57,16 +53,6 @@ def make_solids(track: Course) -> Solids:
 
 
 @compilable
-def solid_distance(solids: Solids, i: int, p: np.ndarray) -> float:
-    """Returns the distance of a point from the box around solid i (m)."""
-    total = 0.0
-    for axis in range(3):
-        off = max(solids.low[i, axis] - p[axis], p[axis] - solids.high[i, axis], 0.0)
-        total += off * off
-    return math.sqrt(total)
-
-
-@compilable
 def add_solid(
     polygons: np.ndarray, n: int, solids: Solids, i: int, p_WC: np.ndarray, view: View
 ) -> int:
@@ -75,7 +61,7 @@ def add_solid(
     for f in range(solids.starts[i], solids.starts[i + 1]):
         if dot(solids.normals[f], p_WC - solids.corners[f, 0]) <= 0.0:
             continue
-        count = clip_near(rotate_each(view.P, solids.corners[f] - p_WC), _NUMBERS, corners)
+        count = clip_near(product(solids.corners[f] - p_WC, view.P.T), _NUMBERS, corners)
         box = bounding_box(corners, count, view.picture)
         if count >= 3 and touches(box, view.parts):
             set_polygon(polygons[n], corners, count, EXACT, solids.colors[f], box)

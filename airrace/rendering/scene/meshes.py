@@ -59,9 +59,9 @@ def board_mesh(marker_id: int) -> InMemoryMesh:
     return _textured_mesh(f"board_{marker_id}", vertices, uv, faces, image)
 
 
-def pylon_mesh(sides: int = 24, tip_rings: int = 3) -> InMemoryMesh:
+def pylon_mesh() -> InMemoryMesh:
     """Returns a pylon whose foot is at the origin."""
-    shape = make_pylon_shape(sides, tip_rings)
+    shape = make_pylon_shape(24, 3)
     # The texture is a column of colours over the height.
     rows = 240
     z = (np.arange(rows)[::-1] + 0.5) / rows * PYLON_HEIGHT
@@ -91,7 +91,7 @@ def ground_mesh() -> InMemoryMesh:
 
 
 def shadow_mesh(vertices: np.ndarray, image: np.ndarray) -> InMemoryMesh:
-    """Returns what pylon_shadow() draws."""
+    """Returns what pylon_shadow() returns as a mesh."""
     uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
     return _textured_mesh("shadow", vertices, uv, [([0, 1, 2, 3], [0, 1, 2, 3])], image)
 
@@ -104,12 +104,10 @@ def _textured_mesh(
     image: np.ndarray,
     normals: np.ndarray | None = None,
 ) -> InMemoryMesh:
-    """Writes a mesh of one material.
+    """Returns a mesh of one material; name: that of its files.
 
     Args:
-        name: of the mesh and its files.
-        vertices: (n, 3) (m).
-        uv: texture coordinates from the lower left corner, (m, 2).
+        vertices: (n, 3) m. uv: texture coordinates from the lower left corner, (m, 2).
         faces: pairs of lists: numbers of vertices and numbers of uv.
         image: RGB, (h, w, 3), or RGBA, (h, w, 4).
         normals: (n, 3); without them, faces are flat.

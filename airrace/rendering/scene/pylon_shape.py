@@ -1,7 +1,7 @@
 """The pylon as a polyhedron: a striped cone with a rounded tip."""
 
-import dataclasses as dc
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,31 +11,19 @@ from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
 STRIPES = ((2.4, 4.8), (7.2, 9.6))  # heights between which the pylon is white (m)
 
 
-@dc.dataclass(frozen=True)
-class PylonShape:
-    """A pylon whose foot is at the origin, z up.
+class PylonShape(NamedTuple):
+    """A pylon whose foot is at the origin, z up."""
 
-    Attributes:
-        vertices: (v, 3) (m).
-        normals: normals of the round surface at the vertices, (v, 3).
-        sides: of the cone.
-        facets: vertex numbers, counter-clockwise seen from outside, (f, 4):
-            first the flank, a facet a side; then the tip; then the flank once
-            more, a facet a side and stripe.
-        surface: how many of them are flank and tip.
-        facet_normals: (f, 3).
-        facet_offsets: normal times any point of the facet, (f,).
-        facet_colors: sunlit RGB, (f, 3), 0 to 255.
-    """
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    sides: int
+    vertices: np.ndarray  #: (v, 3) (m)
+    normals: np.ndarray  #: normals of the round surface at the vertices, (v, 3)
+    sides: int  #: of the cone
+    #: Vertex numbers, counter-clockwise seen from outside, (f, 4): first the flank, a facet a side;
+    #: then the tip; then the flank once more, a facet a side and stripe.
     facets: np.ndarray
-    surface: int
-    facet_normals: np.ndarray
-    facet_offsets: np.ndarray
-    facet_colors: np.ndarray
+    surface: int  #: how many of them are flank and tip
+    facet_normals: np.ndarray  #: (f, 3)
+    facet_offsets: np.ndarray  #: normal times any point of the facet, (f,)
+    facet_colors: np.ndarray  #: sunlit RGB, (f, 3), 0 to 255
 
 
 def _profile(tip_rings: int) -> np.ndarray:
@@ -56,12 +44,7 @@ def _profile(tip_rings: int) -> np.ndarray:
 
 @functools.cache
 def make_pylon_shape(sides: int, tip_rings: int) -> PylonShape:
-    """Returns a pylon.
-
-    Args:
-        sides: of the cone.
-        tip_rings: rings of facets on the tip; none cuts the tip off.
-    """
+    """Returns a pylon; tip_rings: rings of facets on the tip; none cuts the tip off."""
     profile = _profile(tip_rings)
     angle = 2 * np.pi * np.arange(sides) / sides
     around = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sides)])

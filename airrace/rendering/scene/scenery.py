@@ -1,4 +1,4 @@
-"""The course as bodies: what can be seen and what can be hit."""
+"""The course and its pad as bodies: what can be seen and what can be hit."""
 
 import functools
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from pydrake.geometry import (
     PerceptionProperties,
     Rgba,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RigidBody, SpatialInertia
 
@@ -37,6 +37,7 @@ from airrace.rendering.scene.solids import (
 )
 from airrace.track import BOARD_SIZE
 from airrace.track.course import Box
+from airrace.track.start import Start, pad_half_width, pad_middle, pad_rotation
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import Context
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from airrace.track.hall import Hall
 
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
+_PAD_COLOR = Rgba(0.35, 0.35, 0.38, 1.0)
 _THIN = 0.02  # m, of a floor that is drawn upon the ground
 EVERYBODY, CAMERAS = "everybody", "cameras"  # who sees a thing: a roof would hide all from above
 
@@ -61,15 +63,16 @@ def AddScenery(
     contact touched. Nothing is read from or written to disk.
 
     Args:
-        plant: a MultibodyPlant before Finalize(), registered with a SceneGraph.
-        track: the course.
+        plant: before Finalize(), registered with a SceneGraph.
         movable: whether the gates can be moved. It costs every step of the plant.
-        visible: whether somebody will look, through Meshcat or a RenderEngine. The
-            pictures on the boards are most of the work.
+        visible: whether somebody will look, through Meshcat or a RenderEngine.
     """
-    hall = track.hall()
-    _add_ground(plant, visible=visible and hall is None)
-    n = len(track.gates)
+    hall, n = track.hall(), len(track.gates)
+    if visible and hall is None:
+        _show_mesh(plant, "ground", plant.world_body(), RigidTransform(), ground_mesh)
+    # Drake warns about every HalfSpace, so the ground is a very large box.
+    below, ground = RigidTransform([0.0, 0.0, -10.0]), DrakeBox(4000.0, 4000.0, 20.0)
+    plant.RegisterCollisionGeometry(plant.world_body(), below, ground, "ground", _FRICTION)
     bodies = _add_gate_bodies(plant, n) if movable else [plant.world_body()] * n
     _add_pylons(plant, track, bodies, visible)
     for i, gate in enumerate(track.frames(), 1):
@@ -77,16 +80,6 @@ def AddScenery(
             _add_box(plant, f"gate_{i}_{side}", box, GATE_COLOR, visible)
     if hall is not None:
         _add_hall(plant, hall, visible)
-
-
-def _add_ground(plant: MultibodyPlant, visible: bool) -> None:
-    """Adds the ground; visible: whether its grass is seen."""
-    # Drake warns about every HalfSpace, so the ground is a very large box.
-    below, ground = RigidTransform([0.0, 0.0, -10.0]), DrakeBox(4000.0, 4000.0, 20.0)
-    world = plant.world_body()
-    if visible:
-        _show_mesh(plant, "ground", world, RigidTransform(), ground_mesh)
-    plant.RegisterCollisionGeometry(world, below, ground, "ground", _FRICTION)
 
 
 def _add_pylons(
@@ -135,6 +128,31 @@ def _add_hall(plant: MultibodyPlant, hall: "Hall", visible: bool) -> None:
         _show_box(plant, "floor", floor, FLOOR_COLORS[0], EVERYBODY)
 
 
+def AddPad(plant: MultibodyPlant, start: Start, radius: float) -> None:
+    """Adds the pad of a start to a plant, if it is tilted: a wedge on the ground.
+
+    It is drawn for spectators only: the drone's camera looks ahead and does
+    not see it. Its collision geometry is named ``pad``.
+
+    Args: plant: see AddScenery(). start, radius: of the track, and of the drone (m).
+    """
+    if start.pad_tilt_deg == 0.0:
+        return
+    half = pad_half_width(radius)
+    top = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
+    R_WP = pad_rotation(start)
+    downhill = RotationMatrix.MakeZRotation(np.deg2rad(start.pad_tilt_direction_deg))
+    top = (R_WP @ downhill).matrix() @ top.T + pad_middle(start, radius)[:, None]
+    foot = top * [[1.0], [1.0], [0.0]] + [[0.0], [0.0], [start.position[2]]]
+    wedge = Convex(np.hstack([top, foot]), "pad")
+    visual = GeometryInstance(RigidTransform(), wedge, "pad_visual")
+    properties = IllustrationProperties()
+    properties.AddProperty("phong", "diffuse", _PAD_COLOR)
+    visual.set_illustration_properties(properties)
+    plant.RegisterVisualGeometry(plant.world_body(), visual)
+    plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)
+
+
 def _add_box(plant, name, box, color, visible, seen_by=EVERYBODY):
     if visible:
         _show_box(plant, name, box, color, seen_by)
@@ -179,12 +197,9 @@ def _add_gate_bodies(plant: MultibodyPlant, n: int) -> list:
 
 
 def move_gates(plant: MultibodyPlant, context: "Context", shifts: np.ndarray) -> None:
-    """Moves the gates of a plant with movable gates.
+    """Moves the gates of a plant that AddScenery() filled, where they are movable.
 
-    Args:
-        plant: that AddScenery() filled, finalized.
-        context: of the plant.
-        shifts: of every gate from its place in the track, (n, 2) m.
+    Args: context: of the plant. shifts: of every gate from its place in the track, (n, 2) m.
     """
     for i, (x, y) in enumerate(shifts):
         place = plant.GetFrameByName(_place_name(i))

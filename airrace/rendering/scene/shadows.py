@@ -20,11 +20,7 @@ _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1,
 
 
 def pylon_shadow(foot: np.ndarray, boards: list) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the shadow of a pylon and its boards.
-
-    Args:
-        foot: where the pylon stands, (3,), world.
-        boards: list of Board on it.
+    """Returns the shadow of a pylon with its foot at (3,) m, and of its boards.
 
     Returns:
         vertices of a rectangle just above the ground, (4, 3), relative to the
@@ -53,9 +49,5 @@ def pylon_shadow(foot: np.ndarray, boards: list) -> tuple[np.ndarray, np.ndarray
 
 
 def cast(points: np.ndarray) -> np.ndarray:
-    """Returns where the sun's rays through points meet z = 0, (n, 2).
-
-    Args:
-        points: (n, 3) m.
-    """
+    """Returns where the sun's rays through points, (n, 3) m, meet z = 0, (n, 2)."""
     return points[:, :2] - points[:, 2:] / SUN_W[2] * SUN_W[:2]

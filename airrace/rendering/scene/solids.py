@@ -4,7 +4,6 @@ A solid is a list of flat faces with four corners each. Its colours are as they 
 lights glow, and what they shine upon is as good as even.
 """
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -26,17 +25,12 @@ _TILE = 4.0  # m, about the side of tiles of the floor, the walls and the ceilin
 
 
 class Faces(NamedTuple):
-    """Flat faces, seen from one side only.
+    """Flat faces, seen from one side only."""
 
-    Attributes:
-        corners: (f, 4, 3) m, world, counter-clockwise as they are seen.
-        colors: RGB, (f, 3).
-        mitred: whether the first and the third edge of each face are joints with faces of the same
-            plane, which must not be seen, (f,).
-    """
-
-    corners: np.ndarray
-    colors: np.ndarray
+    corners: np.ndarray  #: (f, 4, 3) m, world, counter-clockwise as they are seen
+    colors: np.ndarray  #: RGB, (f, 3)
+    #: Whether the first and the third edge of each face are joints with faces of the same plane,
+    #: which must not be seen, (f,).
     mitred: np.ndarray
 
     @property
@@ -49,11 +43,10 @@ class Faces(NamedTuple):
 
 
 def solids_of(track: Course) -> tuple[list[Faces], list[Faces]]:
-    """Returns what solids there are to see of a course.
+    """Returns what solids there are to see of a course, in two lists.
 
-    Returns:
-        what is behind everything else, in the order to draw it: room and lights; and solids that
-        hide each other by their distance: columns and gates.
+    First what is behind everything else, in the order to draw it: room and lights; then solids
+    that hide each other by their distance: columns and gates.
     """
     hall = track.hall()
     gates = [gate_faces(gate) for gate in track.frames()]
@@ -68,7 +61,12 @@ def solids_of(track: Course) -> tuple[list[Faces], list[Faces]]:
 def gate_faces(gate: SquareGate) -> Faces:
     """Returns the 16 faces of a frame: front, back, outside and inside."""
     back, front = DEPTH / 2, -DEPTH / 2
-    rings = {(x, side): _ring(x, side) for x in (front, back) for side in (OUTER, INNER)}
+    square = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # clockwise from in front
+    rings = {
+        (x, side): np.column_stack([np.full(4, x), side / 2 * square])
+        for x in (front, back)
+        for side in (OUTER, INNER)
+    }
     faces, colors = [], []
     for i in range(4):
         j = (i + 1) % 4
@@ -86,12 +84,6 @@ def gate_faces(gate: SquareGate) -> Faces:
     return Faces(world, np.array(colors), np.array([color == GATE_COLOR for color in colors]))
 
 
-def _ring(x: float, side: float) -> np.ndarray:
-    """Returns the corners of a square at x along the flight, clockwise from in front, (4, 3)."""
-    h = side / 2
-    return np.array([[x, h, h], [x, -h, h], [x, -h, -h], [x, h, -h]])
-
-
 def box_faces(box: Box, colors: list) -> Faces:
     """Returns the faces of a box; colors: RGB, of its sides at +x, -x, +y, -y, +z and -z."""
     faces = []
@@ -100,22 +92,19 @@ def box_faces(box: Box, colors: list) -> Faces:
         for sign in (1.0, -1.0):
             middle = sign * np.eye(3)[axis]
             u_seen = sign * u  # so that all faces turn the same way
-            faces.append([middle + a * u_seen + b * v for a, b in _SQUARE])
+            square = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+            faces.append([middle + a * u_seen + b * v for a, b in square])
     corners = np.array(faces) * box.size / 2
     return Faces(
         np.array([(box.X_WB @ face.T).T for face in corners]), np.array(colors), np.zeros(6, bool)
     )
 
 
-_SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-
-
 def room_faces(hall: Hall) -> Faces:
     """Returns the inside of a hall in tiles of two colours, by whose joints motion is seen."""
     low, high = hall.low, hall.high
     x, y, z = np.eye(3)
-    size = high - low
-    sides = (
+    sides = (  # a corner of each, and the axes from there, whose product is towards the inside
         (low, x, y, FLOOR_COLORS),
         (np.array([low[0], low[1], high[2]]), y, x, CEILING_COLORS),
         (low, z, x, WALL_COLORS),
@@ -123,25 +112,13 @@ def room_faces(hall: Hall) -> Faces:
         (low, y, z, WALL_COLORS),
         (np.array([high[0], low[1], low[2]]), z, y, WALL_COLORS),
     )
-    parts = [_tiles(origin, u * (u @ size), v * (v @ size), c) for origin, u, v, c in sides]
-    return Faces(
-        np.concatenate([part.corners for part in parts]),
-        np.concatenate([part.colors for part in parts]),
-        np.concatenate([part.mitred for part in parts]),
-    )
-
-
-def _tiles(origin: np.ndarray, u: np.ndarray, v: np.ndarray, colors: tuple) -> Faces:
-    """Returns a rectangle as tiles; u, v: its sides, u x v towards those who see it."""
-    m, n = (max(1, round(float(np.linalg.norm(side)) / _TILE)) for side in (u, v))
-    corner = functools.partial(_at, origin, u / m, v / n)
     faces, painted = [], []
-    for i in range(m):
-        for j in range(n):
-            faces.append([corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)])
-            painted.append(colors[(i + j) % 2])
+    for origin, u, v, colors in sides:
+        m, n = (max(1, round(float(axis @ (high - low)) / _TILE)) for axis in (u, v))
+        du, dv = u * (u @ (high - low)) / m, v * (v @ (high - low)) / n
+        for i in range(m):
+            for j in range(n):
+                corners = ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))
+                faces.append([origin + a * du + b * dv for a, b in corners])
+                painted.append(colors[(i + j) % 2])
     return Faces(np.array(faces), np.array(painted), np.zeros(len(faces), bool))
-
-
-def _at(origin, u, v, i, j):
-    return origin + i * u + j * v

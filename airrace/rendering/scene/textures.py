@@ -31,22 +31,16 @@ HAZE_LENGTH = 350.0
 
 
 def marker_modules(marker_id: int) -> np.ndarray:
-    """Returns the modules of a marker, True where white, shape (7, 7).
-
-    Args:
-        marker_id: ArUco ID in DICT_ARUCO_ORIGINAL.
-    """
+    """Returns the modules of a marker of DICT_ARUCO_ORIGINAL, True where white, (7, 7)."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
     return cv2.aruco.generateImageMarker(dictionary, marker_id, 7) > 0
 
 
 @functools.cache
 def grass_detail(size: int = 512) -> np.ndarray:
-    """Returns how much darker than GRASS the ground is, for one tile.
+    """Returns how much darker than GRASS the ground is, for one tile, (size, size), uint8.
 
-    Returns:
-        Shape (size, size), uint8, 0 (bright) to 255 (dark), mean near 128,
-        read-only. The tile continues seamlessly over its borders.
+    It goes from 0 (bright) to 255 (dark), and continues seamlessly over its borders.
     """
     rng = np.random.default_rng(1)
     # Pink noise: white noise shaped in the Fourier domain is periodic.
@@ -60,34 +54,18 @@ def grass_detail(size: int = 512) -> np.ndarray:
 
 
 def sky_color(sin_elevation: np.ndarray) -> np.ndarray:
-    """Returns the colour of the sky, paler towards the horizon.
-
-    Args:
-        sin_elevation: sine of the angle above the horizon, shape (n,).
-
-    Returns:
-        Shape (n, 3).
-    """
+    """Returns the colour of the sky, (n, 3), by the sine of the angle above the horizon, (n,)."""
     up = np.clip(sin_elevation, 0.0, 1.0)[:, None] ** 0.6
     return (1 - up) * np.array(HORIZON) + up * np.array(ZENITH)
 
 
 @compilable
 def haze(distance: float | np.ndarray) -> float | np.ndarray:
-    """Returns the share of the horizon's colour that lies over a thing, 0 to 1.
-
-    Args:
-        distance: from the camera (m), a number or an array.
-    """
+    """Returns the share of the horizon's colour that lies over a thing at a distance (m)."""
     return HAZE_MOST * (1.0 - np.exp(-distance / HAZE_LENGTH))
 
 
 def shade(color: ArrayLike, normals_W: np.ndarray) -> np.ndarray:
-    """Returns a matt surface's colours in the sunlight.
-
-    Args:
-        color: RGB, broadcastable to (n, 3).
-        normals_W: unit normals in world, (n, 3).
-    """
+    """Returns the colours, (n, 3), of a matt surface with unit normals, (n, 3), in the sunlight."""
     light = AMBIENT + (1 - AMBIENT) * np.clip(normals_W @ SUN_W, 0.0, 1.0)
     return np.asarray(color) * light[:, None]

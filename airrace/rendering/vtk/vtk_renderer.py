@@ -97,42 +97,29 @@ def AddVtkRenderer(
         indoors: whether there is a hall around everything, in which all is as bright as
             its colour says, and neither haze nor sky is seen.
 
-    Returns:
-        The renderer, to be given the scene graph's query object.
-
     Raises:
         UserError: if this machine cannot render with VTK.
     """
     check_vtk_available()
 
-    def lamp(direction, intensity):
-        return LightParameter(
-            type="directional", frame="world", direction=direction, intensity=intensity
-        )
-
     if indoors:
         # A face's light is the sum of what falls on it from six sides: a frame of any yaw has
         # about its own colour.
-        axes = np.vstack([np.eye(3), -np.eye(3)])
-        params = RenderEngineVtkParams(
-            default_clear_color=np.zeros(3), lights=[lamp(axis, _EVEN) for axis in axes]
-        )
-        scene_graph.AddRenderer(_NAME, MakeRenderEngineVtk(params))
-        return VtkRenderer(camera_info, supersampling, atmosphere=False)
-
-    # Three lamps around and one above stand for the sky's light: what the
-    # first three give to an upright board differs by 15 % with its direction.
-    around = np.arctan2(SUN_W[1], SUN_W[0]) + np.deg2rad([60, 180, 300])
-    params = RenderEngineVtkParams(
-        default_clear_color=np.array(HORIZON) / 255,
-        lights=[
-            lamp(-SUN_W, 0.38),
-            lamp([0.0, 0.0, -1.0], 0.65),
-            *(lamp([np.cos(a), np.sin(a), 0.0], 0.72) for a in around),
-        ],
-    )
+        lamps = [(axis, _EVEN) for axis in np.vstack([np.eye(3), -np.eye(3)])]
+    else:
+        # Three lamps around and one above stand for the sky's light: what the
+        # first three give to an upright board differs by 15 % with its direction.
+        around = np.arctan2(SUN_W[1], SUN_W[0]) + np.deg2rad([60, 180, 300])
+        lamps = [(np.array([np.cos(a), np.sin(a), 0.0]), 0.72) for a in around]
+        lamps = [(-SUN_W, 0.38), (np.array([0.0, 0.0, -1.0]), 0.65), *lamps]
+    lights = [
+        LightParameter(type="directional", frame="world", direction=direction, intensity=intensity)
+        for direction, intensity in lamps
+    ]
+    behind = np.zeros(3) if indoors else np.array(HORIZON) / 255
+    params = RenderEngineVtkParams(default_clear_color=behind, lights=lights)
     scene_graph.AddRenderer(_NAME, MakeRenderEngineVtk(params))
-    return VtkRenderer(camera_info, supersampling)
+    return VtkRenderer(camera_info, supersampling, atmosphere=not indoors)
 
 
 class VtkRenderer:
@@ -144,35 +131,27 @@ class VtkRenderer:
 
     needs_query_object = True
 
-    def __init__(self, camera_info: "CameraInfo", supersampling: int, atmosphere: bool = True):
+    def __init__(self, camera_info: "CameraInfo", supersampling: int, atmosphere: bool):
         s = supersampling
         self._size = (camera_info.width, camera_info.height)
         # In OpenCV's convention pixel u covers samples s u to s u + s - 1, whose
         # centre is s u + (s - 1) / 2.
         to_samples = np.array([[s, 0, (s - 1) / 2], [0, s, (s - 1) / 2], [0, 0, 1]])
-        # Drake draws the principal point half a pixel up and left of where the
-        # intrinsics say, in that convention.
-        K = to_samples @ camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-        intrinsics = DrakeCameraInfo(s * camera_info.width, s * camera_info.height, K)
-        self.color_camera = ColorRenderCamera(
-            RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform())
-        )
+
+        def core(K, width, height):
+            # Drake draws the principal point half a pixel up and left of where the
+            # intrinsics say, in that convention.
+            intrinsics = DrakeCameraInfo(width, height, K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+            return RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform())
+
+        w, h = self._size
+        self.color_camera = ColorRenderCamera(core(to_samples @ camera_info.K, s * w, s * h))
         # Depths need no supersampling: haze is soft.
-        K = camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-        intrinsics = DrakeCameraInfo(camera_info.width, camera_info.height, K)
-        self.depth_camera = DepthRenderCamera(
-            RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform()), _DEPTHS
-        )
+        self.depth_camera = DepthRenderCamera(core(camera_info.K, w, h), _DEPTHS)
         self._atmosphere = Atmosphere(camera_info) if atmosphere else None
 
     def render(self, X_WC: RigidTransform, out: np.ndarray, query_object: QueryObject) -> None:
-        """Draws a picture.
-
-        Args:
-            X_WC: pose of the camera frame C: z forward, x right, y down.
-            out: RGBA or grey levels, see images.py; overwritten.
-            query_object: the SceneGraph's.
-        """
+        """Draws a picture as PlanarRenderer.render(); query_object: the SceneGraph's."""
         world = SceneGraph.world_frame_id()
         picture = query_object.RenderColorImage(self.color_camera, world, X_WC).data
         if picture.shape[1::-1] != self._size:

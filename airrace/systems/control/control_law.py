@@ -9,7 +9,7 @@ from airrace.common.errors import UserError
 from airrace.common.jit import compilable
 from airrace.common.packing import Packing
 from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import cross, dot, from_columns, rotate
+from airrace.math.vec3 import cross, dot, rotate
 from airrace.systems.control.attitude_error import lead_moment, lee_error, reduced_error
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
@@ -141,7 +141,7 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
     )
     R_WB, (x_D, y_D, z_D) = rotation_matrix(state.quaternion), axes
     R_BW = R_WB.T
-    R_BD = from_columns(rotate(R_BW, x_D), rotate(R_BW, y_D), rotate(R_BW, z_D))
+    R_BD = np.column_stack((rotate(R_BW, x_D), rotate(R_BW, y_D), rotate(R_BW, z_D)))
     w = rotate(R_BW, state.angular_velocity)
     w_d, alpha_d = rotate(R_BD, w_D), rotate(R_BD, alpha_D)
     e_w = w - w_d  # equation (11)

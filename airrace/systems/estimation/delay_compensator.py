@@ -13,7 +13,7 @@ from airrace.systems.estimation.state_filter import FLYING
 from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.free_body import motion_of, next_motion
-from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
+from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speed
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s; shorter delays are ignored
@@ -170,7 +170,10 @@ def _predict(estimate, speeds, commands, since, delay, model):
     first = min(max(first, 0), len(commands) - 1)
     steps = int(round(delay / h))
     for k in range(steps):
-        turning = next_speeds(turning, commands[max(first - k, 0)], model.rotors)
+        command, rotors = commands[max(first - k, 0)], model.rotors
+        for i in range(len(turning)):
+            limit, share = rotors.max_speeds[i], rotors.step_share
+            turning[i] = next_speed(turning[i], command[i], limit, share)
         if flying:
             thrust, x, y, z = apply(model.allocation, c_f * turning * turning)
             specific_force = (0.0, 0.0, thrust / model.mass)

@@ -16,7 +16,6 @@ from airrace.math.small_matrices import (
     propagated,
     reduced,
     solve_lower,
-    solve_lower_each,
     solve_upper,
 )
 from airrace.math.vec3 import cross, dot
@@ -172,7 +171,7 @@ def updated(
     if not math.isfinite(cost):
         unchanged = Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
         return unchanged, Innovation(np.inf, np.inf)
-    after = reduced(P, solve_lower_each(L, PHt))
+    after = reduced(P, solve_lower(L, PHt.T).T)
     return Belief(navigation_vector(state), gates, after), Innovation(squared, cost)
 
 

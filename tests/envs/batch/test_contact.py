@@ -13,11 +13,11 @@ from airrace.common.errors import UserError
 from airrace.common.jit import compiled
 from airrace.envs.batch.contact import is_near_something, load_shape, touches_gate, touches_ground
 from airrace.envs.batch.courses import make_courses
-from airrace.envs.batch.dynamics import Motion
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.systems.plant.multirotor import AddMultirotorModel
 from airrace.track import load_track
 from airrace.vehicle import RACERS, load_vehicle
+from airrace.vehicle.free_body import Motion
 
 TRACK = load_track("hexagon")
 UNSURE = 0.005  # m, within which the nearest facet's plane is taken for the facet

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from airrace.common.errors import UserError
+from airrace.envs import register_envs
 from airrace.envs.batch.lanes import LANES
 from airrace.envs.batch.vector_env import RaceVectorEnv
-from airrace.envs.registration import register_envs
 from airrace.envs.reward import REASONS, RUNNING
 from airrace.track.generator import generate_track
 

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.common.immutable import read_only
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
-from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate
+from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate, take_picture
 
 X_WB = RigidTransform(RollPitchYaw(0.05, 0.1, 0.2), [6.0, 0.0, 5.0])
 W, V = np.array([0.4, -0.8, 1.5]), np.array([12.0, 4.0, -2.0])
@@ -27,7 +27,9 @@ def take(effects, frame=0, seed=0):
     info = dc.replace(CAMERA_INFO, D=read_only(effects.distortion))
     chain = ImagingChain(effects=effects, camera_info=info, seed=seed)
     picture = new_picture()
-    chain.take(PlanarRenderer(one_gate(), chain.pinhole).render, X_WB, W, V, frame, picture)
+    take_picture(
+        chain, PlanarRenderer(one_gate(), chain.pinhole).render, X_WB, W, V, frame, picture
+    )
     assert np.all(picture[..., 3] == 255)
     return picture
 
@@ -63,5 +65,5 @@ def test_a_chain_remembers_nothing():
     render = PlanarRenderer(one_gate(), chain.pinhole).render
     picture = new_picture()
     for X, frame in ((RigidTransform([0, 0, 9.0]), 7), (X_WB, 2)):
-        chain.take(render, X, W, V, frame, picture)
+        take_picture(chain, render, X, W, V, frame, picture)
     assert np.array_equal(picture, take(EVERYTHING, 2))

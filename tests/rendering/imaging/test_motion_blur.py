@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.imaging.motion_blur import Shutter, moved
 from airrace.rendering.planar.renderer import PlanarRenderer
-from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate, project
+from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate, project, take_picture
 
 F = CAMERA_INFO.K[0, 0]
 SHUTTER = 0.004
@@ -33,7 +33,9 @@ def blurred_spot(point, w, v, X_WB=RigidTransform(), columns=slice(None)):
     """Returns the centre of a spot, and its variances without blur, [u, v] px."""
     chain = ImagingChain(effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0)
     picture = new_picture()
-    chain.take(draw_points([point]), X_WB, np.array(w, float), np.array(v, float), 0, picture)
+    take_picture(
+        chain, draw_points([point]), X_WB, np.array(w, float), np.array(v, float), 0, picture
+    )
     light = picture[:, columns, 0].astype(float)
     light /= light.sum()
     rows, cols = np.arange(light.shape[0]), np.arange(light.shape[1])
@@ -103,7 +105,9 @@ def test_a_slow_camera_draws_the_ideal_picture():
     chain = ImagingChain(effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0)
     X_WB = RigidTransform(RollPitchYaw(0.0, 0.1, 0.1), [5.0, 0.0, 5.0])
     picture, ideal = new_picture(), new_picture()
-    chain.take(renderer.render, X_WB, np.array([0, 0, 0.05]), np.array([0.3, 0, 0]), 0, picture)
+    take_picture(
+        chain, renderer.render, X_WB, np.array([0, 0, 0.05]), np.array([0.3, 0, 0]), 0, picture
+    )
     renderer.render(X_WB @ CAMERA_INFO.X_BC, ideal)
     assert np.array_equal(picture, ideal)
 

@@ -70,6 +70,6 @@ def test_pixels_are_means_over_their_areas(distance, rms, roll, azimuth):
 def test_a_row_does_not_depend_on_where_it_starts():
     H = homography(look_at(BOARD.X_WM @ [1.0, 0.4, 9.0], BOARD.X_WM.translation(), 0.2))
     face, scratch = make_face(H, 560.0, 640.0), np.empty((5, 300), np.float32)
-    face["across"] = face["down"] = 1
+    face["samples"] = 1
     whole = face_levels(face, 560, 720, 360, scratch).copy()
     np.testing.assert_array_equal(face_levels(face, 601, 678, 360, scratch), whole[41:118])

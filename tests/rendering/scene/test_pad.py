@@ -3,7 +3,7 @@ from pydrake.geometry import Rgba, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.scene.pad import AddPad
+from airrace.rendering.scene.scenery import AddPad
 from airrace.track import Start
 
 

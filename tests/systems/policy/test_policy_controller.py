@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from airrace.envs.observation import gates_of_track
 from airrace.systems.policy.command_switch import CommandSwitch
 from airrace.systems.policy.gates_observation import write_gates_observation
 from airrace.systems.policy.policy_controller import FLYING, PERIOD, PolicyController, _stop
@@ -100,7 +99,7 @@ def test_it_sees_what_the_environment_shows():
     bench.fix("filtered_estimate", state)
     bench.step()
     expected = np.empty(43)
-    write_gates_observation(expected, as_state(state), gates_of_track(TRACK), 0, first)
+    write_gates_observation(expected, as_state(state), TRACK.openings(), 0, first)
     np.testing.assert_allclose(seen[-1], expected, atol=1e-12)
 
 

@@ -72,7 +72,7 @@ def fly(fleet, commands, bodies):
     load(block, 0, 1, fleet, bodies)
     sum_thrusts(block, bodies.levers)
     for command in commands:
-        block.commands.reshape(-1, LANES)[:, 0] = command
+        block.new.reshape(-1, LANES)[:, 0] = command
         for step in range(round(HOLD / DT)):
             step_plant(block, bodies.drag, DT)
             if step % round(ROTOR_PERIOD / DT) == 0:

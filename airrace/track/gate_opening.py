@@ -6,8 +6,14 @@ import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.math.triples import added, difference, dot
+from airrace.track.course import Opening
 
 OPENING_SIZE = 15  # numbers of an Opening, as np.hstack() makes them an array
+
+
+def as_opening(v: np.ndarray) -> Opening:
+    """Returns the Opening of its numbers."""
+    return Opening(v[0:3], v[3:6], v[6:9], v[9], v[10:13], v[13], v[14])
 
 
 @compiled

@@ -13,21 +13,13 @@ if TYPE_CHECKING:
 
 
 class LapProfile(NamedTuple):
-    """A lap over the place on the track; all arrays are of one length.
+    """A lap over the place on the track; all arrays are of one length."""
 
-    Attributes:
-        place: metres along the best lap, from gate 1 on, (n,).
-        time: since gate 1 (s).
-        speed: (m/s).
-        height: above the ground (m).
-        gates: places of gates 1, 2, ... and 1 again (m).
-    """
-
-    place: np.ndarray
-    time: np.ndarray
-    speed: np.ndarray
-    height: np.ndarray
-    gates: np.ndarray
+    place: np.ndarray  #: metres along the best lap, from gate 1 on, (n,)
+    time: np.ndarray  #: since gate 1 (s)
+    speed: np.ndarray  #: m/s
+    height: np.ndarray  #: above the ground (m)
+    gates: np.ndarray  #: places of gates 1, 2, ... and 1 again (m).
 
     def behind(self, other: "LapProfile") -> np.ndarray:
         """Returns by how much this lap is later than another one at its places (s), (n,)."""

@@ -20,19 +20,12 @@ _WIDTH, _QUALITY = 320, 75  # px; of JPEG
 
 
 class GatePicture(NamedTuple):
-    """A picture in front of a gate.
+    """A picture in front of a gate."""
 
-    Attributes:
-        gate: its number.
-        before: how long before the gate was crossed (s).
-        seen: whether a marker of the gate was read in it.
-        jpeg: its bytes.
-    """
-
-    gate: int
-    before: float
-    seen: bool
-    jpeg: bytes
+    gate: int  #: its number
+    before: float  #: how long before the gate was crossed (s)
+    seen: bool  #: whether a marker of the gate was read in it
+    jpeg: bytes  #: its bytes
 
     @property
     def url(self) -> str:

@@ -14,16 +14,12 @@ _CORNERS = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -
 
 
 class MarkerErrors(NamedTuple):
-    """Errors of one detection.
+    """Errors of one detection."""
 
-    Attributes:
-        pull: how far the corners lie outside of the true square, along the lines from its
-            middle; mean of the four, negative if they are inside (px).
-        distance: measured from the camera, less the true one (m).
-    """
-
+    #: How far the corners lie outside of the true square, along the lines from its middle; mean of
+    #: the four, negative if they are inside (px).
     pull: float
-    distance: float
+    distance: float  #: measured from the camera, less the true one (m)
 
 
 def marker_errors(

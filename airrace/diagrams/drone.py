@@ -36,22 +36,14 @@ DRAWN_BODY = "drawn_body"
 
 
 class Drone(NamedTuple):
-    """A drone in a World.
+    """A drone in a World."""
 
-    Attributes:
-        suffix: of the names of its subsystems and ports; the only drone's is empty.
-        vehicle: as its file says; drawn: from a seed to as it really is.
-        true_vehicle: that of the scenario's seed, by which the plant is made.
-        body: its link in the plant.
-        X_WB: where it stands at the start.
-    """
-
-    suffix: str
-    vehicle: Vehicle
-    drawn: Callable[[int], Vehicle]
-    true_vehicle: Vehicle
-    body: RigidBody
-    X_WB: RigidTransform
+    suffix: str  #: of the names of its subsystems and ports; the only drone's is empty
+    vehicle: Vehicle  #: as its file says
+    drawn: Callable[[int], Vehicle]  #: from a seed to the drone as it really is
+    true_vehicle: Vehicle  #: that of the scenario's seed, by which the plant is made
+    body: RigidBody  #: its link in the plant
+    X_WB: RigidTransform  #: where it stands at the start
 
     @property
     def state(self) -> OutputPort:

@@ -31,29 +31,17 @@ _STEP = 0.01  # s, between two samples of a flight
 
 
 class Flown(NamedTuple):
-    """What happened in a flight along a reference, every 0.01 s; see fly_reference().
+    """What happened in a flight along a reference, every 0.01 s; see fly_reference()."""
 
-    Attributes:
-        times: (N,) s.
-        positions: p_WB, (N, 3) m.
-        speeds: (N,) m/s.
-        tilts: angles between the thrust axis and the vertical, (N,) degrees.
-        turn_rates: about the body's z axis, (N,) rad/s.
-        errors: distances from the reference, (N,) m.
-        rotor_speeds: of n rotors, (N, n) rad/s.
-        losses: when each rotor was found to be lost, (n,) s; inf: never.
-        ended: why the flight was over before its time, or None.
-    """
-
-    times: np.ndarray
-    positions: np.ndarray
-    speeds: np.ndarray
-    tilts: np.ndarray
-    turn_rates: np.ndarray
-    errors: np.ndarray
-    rotor_speeds: np.ndarray
-    losses: np.ndarray
-    ended: str | None
+    times: np.ndarray  #: (N,) s
+    positions: np.ndarray  #: p_WB, (N, 3) m
+    speeds: np.ndarray  #: (N,) m/s
+    tilts: np.ndarray  #: angles between the thrust axis and the vertical, (N,) degrees
+    turn_rates: np.ndarray  #: about the body's z axis, (N,) rad/s
+    errors: np.ndarray  #: distances from the reference, (N,) m
+    rotor_speeds: np.ndarray  #: of n rotors, (N, n) rad/s
+    losses: np.ndarray  #: when each rotor was found to be lost, (n,) s; inf: never
+    ended: str | None  #: why the flight was over before its time, or None
 
 
 class ReferenceSource(LeafSystem):

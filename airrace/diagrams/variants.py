@@ -27,23 +27,18 @@ Make = Callable[[Scenario], System]
 
 @dc.dataclass(frozen=True)
 class Variant:
-    """Systems of an autonomy, joined by names: what one makes, all others can hear.
+    """Systems of an autonomy, joined by names: what one makes, all others can hear."""
 
-    Attributes:
-        systems: name of a system to what makes it, unless the scenario's `systems` says otherwise.
-        inputs: names of what may come from the Simulation.
-        outputs: name of what is made to the port that it comes from. All are outputs of the
-            Autonomy, too.
-        aliases: input port to the name of what it gets, where that is not the port's own name.
-        optional: names that systems hear only where another one makes them.
-        pilot: names of the systems of the half that controls; all others are the navigator's.
-    """
-
+    #: Name of a system to what makes it, unless the scenario's `systems` says otherwise.
     systems: Mapping[str, Make]
-    inputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()  #: names of what may come from the Simulation
+    #: Name of what is made to the port that it comes from. All are outputs of the Autonomy, too.
     outputs: Mapping[str, Port] = dc.field(default_factory=dict)
+    #: Input port to the name of what it gets, where that is not the port's own name.
     aliases: Mapping[Port, str] = dc.field(default_factory=dict)
+    #: Names that systems hear only where another one makes them.
     optional: frozenset[str] = frozenset()
+    #: Names of the systems of the half that controls; all others are the navigator's.
     pilot: frozenset[str] = frozenset()
 
     def __or__(self, addition: "Variant") -> "Variant":

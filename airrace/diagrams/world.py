@@ -25,21 +25,16 @@ GATE_MOVER = "gate_mover"
 
 
 class World(NamedTuple):
-    """What all drones share.
+    """What all drones share."""
 
-    Attributes:
-        scenario, track: of the race.
-        plant, scene_graph: with the course; drones are added before the plant is finalized.
-        seed: the port of what is random; see SeedSource.
-        shown: whether the drone and the course are drawn, in Meshcat or by your own means.
-    """
-
+    #: scenario, track: of the race
     scenario: Scenario
     track: Course
+    #: plant, scene_graph: with the course; drones are added before the plant is finalized
     plant: MultibodyPlant
     scene_graph: SceneGraph
-    seed: "OutputPort"
-    shown: bool
+    seed: "OutputPort"  #: the port of what is random; see SeedSource
+    shown: bool  #: whether the drone and the course are drawn, in Meshcat or by your own means
 
     @property
     def gates_move(self) -> bool:

@@ -44,7 +44,7 @@ Sink = Callable[[RaceEvent], object]
 class GatesMoved(RaceEvent):
     """Gates stand elsewhere, or for the first time somewhere, in a race whose gates move."""
 
-    shifts: np.ndarray  # from their places in the track's file, x and y of each (m, world), (2 n,)
+    shifts: np.ndarray  #: from their places in the track's file, x and y of each (m, world), (2 n,)
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -56,24 +56,16 @@ class DroneEvent(RaceEvent):
 
 @dc.dataclass(frozen=True, eq=False)
 class StateSample(DroneEvent):
-    """Where the drone is, where it should be, and what its rotors do; None is not known.
+    """Where the drone is, where it should be, and what its rotors do; None is not known."""
 
-    Attributes:
-        truth: in the simulation.
-        estimate: as the autopilot hands it to the autonomy.
-        filtered: as the controller uses it; all zero before the first.
-        disturbance: acceleration that rotors and gravity do not explain (m/s^2, world), (3,).
-        imu: newest samples of the IMU, see as_samples().
-        reference: what the controller follows.
-        rotor_speeds, rotor_commands: measured and commanded (rad/s), (n,).
-    """
-
-    truth: State
-    estimate: State | None = None
-    filtered: State | None = None
+    truth: State  #: in the simulation
+    estimate: State | None = None  #: as the autopilot hands it to the autonomy
+    filtered: State | None = None  #: as the controller uses it; all zero before the first
+    #: Acceleration that rotors and gravity do not explain (m/s^2, world), (3,).
     disturbance: np.ndarray | None = None
-    imu: np.ndarray | None = None
-    reference: Reference | None = None
+    imu: np.ndarray | None = None  #: newest samples of the IMU, see as_samples()
+    reference: Reference | None = None  #: what the controller follows
+    #: rotor_speeds, rotor_commands: measured and commanded (rad/s), (n,)
     rotor_speeds: np.ndarray | None = None
     rotor_commands: np.ndarray | None = None
 
@@ -90,7 +82,7 @@ class PoseSample(DroneEvent):
 class ImuSampled(DroneEvent):
     """Samples of the IMU that are new."""
 
-    # Oldest first, (n, 7): time (s), angular velocity (rad/s), specific force (m/s^2).
+    #: Oldest first, (n, 7): time (s), angular velocity (rad/s), specific force (m/s^2).
     samples: np.ndarray
 
 
@@ -98,7 +90,7 @@ class ImuSampled(DroneEvent):
 class Picture(DroneEvent):
     """A picture of the camera, which is drawn only if somebody reads it."""
 
-    taken: float  # when (s)
+    taken: float  #: when (s)
     view: CameraView
     info: CameraInfo
 
@@ -112,17 +104,13 @@ class DetectionsSeen(DroneEvent):
 
 @dc.dataclass(frozen=True, eq=False)
 class EstimateMade(DroneEvent):
-    """What an estimator believes after a picture.
+    """What an estimator believes after a picture."""
 
-    Attributes:
-        error: of attitude, position and velocity now, see estimate_error(); NaN if not known, (9,).
-        covariance: of these three at the time of the picture, in single precision, (9, 9).
-        slam: all that it believes; None if this was read from a log.
-    """
-
+    #: Of attitude, position and velocity now, see estimate_error(); NaN if not known, (9,).
     error: np.ndarray
+    #: Of these three at the time of the picture, in single precision, (9, 9).
     covariance: np.ndarray
-    slam: SlamState | None = None
+    slam: SlamState | None = None  #: all that it believes; None if this was read from a log
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -144,7 +132,7 @@ class ExplorerChanged(DroneEvent):
     """The explorer has got further."""
 
     status: ExplorerStatus
-    entered: tuple[ExplorerEvent, ...]  # the states since the event before
+    entered: tuple[ExplorerEvent, ...]  #: the states since the event before
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -165,8 +153,8 @@ class PolicyChanged(DroneEvent):
 class RotorLost(DroneEvent):
     """The autonomy has noticed that a rotor is lost."""
 
-    rotor: int  # from 1
-    noticed: float  # when (s)
+    rotor: int  #: from 1
+    noticed: float  #: when (s)
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -36,46 +36,27 @@ _REASONS = {
 
 
 class Criteria(NamedTuple):
-    """What a flight is judged by.
+    """What a flight is judged by."""
 
-    Attributes:
-        gates: openings of all, (n, 15), see Opening.
-        take_off_height: above which the drone flies (m).
-        time_limit: for the whole race (s).
-        arena_min: x and y of the arena (m), (2,).
-        arena_max: its x, y and z (m), (3,).
-    """
-
-    gates: np.ndarray
-    take_off_height: float
-    time_limit: float
-    arena_min: np.ndarray
-    arena_max: np.ndarray
+    gates: np.ndarray  #: openings of all, (n, 15), see Opening
+    take_off_height: float  #: above which the drone flies (m)
+    time_limit: float  #: for the whole race (s)
+    arena_min: np.ndarray  #: x and y of the arena (m), (2,)
+    arena_max: np.ndarray  #: its x, y and z (m), (3,)
 
 
 class RefereeMemory(NamedTuple):
-    """What the referee remembers: numbers only, so that a step copies no objects.
+    """What the referee remembers: numbers only, so that a step copies no objects."""
 
-    Attributes:
-        time: of the last update (s).
-        airborne: whether the drone has taken off.
-        crossings: number of gates that counted.
-        max_speed: since the last of them (m/s).
-        verdict: see above. end_time: when the race ended, or now (s).
-        touched: index of what was touched.
-        position: p_WB at the last update (m), (3,).
-        impulse: of all contacts until then, (6,).
-    """
-
-    time: float
-    airborne: float
-    crossings: float
-    max_speed: float
-    verdict: float
-    end_time: float
-    touched: float
-    position: np.ndarray
-    impulse: np.ndarray
+    time: float  #: of the last update (s)
+    airborne: float  #: whether the drone has taken off
+    crossings: float  #: number of gates that counted
+    max_speed: float  #: since the last of them (m/s)
+    verdict: float  #: see above
+    end_time: float  #: when the race ended, or now (s)
+    touched: float  #: index of what was touched
+    position: np.ndarray  #: p_WB at the last update (m), (3,)
+    impulse: np.ndarray  #: of all contacts until then, (6,)
 
 
 # Nothing is crossed before the second update.

@@ -10,34 +10,25 @@ from airrace.common.immutable import Immutable
 
 @dc.dataclass(frozen=True, eq=False)
 class Detection(Immutable):
-    """One marker in one image.
+    """One marker in one image."""
 
-    Attributes:
-        id: the ArUco ID.
-        corners: of the black square in pixels, top left first, clockwise as
-            the marker is read, (4, 2).
-        X_CM: pose of the marker frame in the camera frame.
-        reprojection_error: RMS distance of the corners from the projection
-            of X_CM (px).
-        covariance: of X_CM, (6, 6): first of its rotation as a rotation
-            vector in C (rad), then of its position in C (m). None if unknown.
-        joint: whether X_CM was solved together with that of the marker on the
-            other pylon of the gate. The errors of the two are then those of
-            one rigid body: count their mean once, not as two.
-        ambiguity: misfit of X_CM divided by that of the other pose that a planar
-            marker admits, 0 to 1: near 1 the poses are hard to tell apart, and the
-            rotation may be the wrong one. 0 if there is no other.
-        corner_sigma: standard deviation of a coordinate of a corner by the picture's noise
-            (px), root mean square over the corners.
-    """
-
-    id: int
+    id: int  #: the ArUco ID
+    #: Of the black square in pixels, top left first, clockwise as the marker is read, (4, 2).
     corners: np.ndarray
-    X_CM: RigidTransform
-    reprojection_error: float
+    X_CM: RigidTransform  #: pose of the marker frame in the camera frame
+    reprojection_error: float  #: RMS distance of the corners from the projection of X_CM (px)
+    #: Of X_CM, (6, 6): first of its rotation as a rotation vector in C (rad), then of its position
+    #: in C (m). None if unknown.
     covariance: np.ndarray | None = None
+    #: Whether X_CM was solved together with that of the marker on the other pylon of the gate. The
+    #: errors of the two are then those of one rigid body: count their mean once, not as two.
     joint: bool = False
+    #: Misfit of X_CM divided by that of the other pose that a planar marker admits, 0 to 1: near 1
+    #: the poses are hard to tell apart, and the rotation may be the wrong one. 0 if there is no
+    #: other.
     ambiguity: float = 0.0
+    #: Standard deviation of a coordinate of a corner by the picture's noise (px), root mean square
+    #: over the corners.
     corner_sigma: float = 0.0
 
     @property
@@ -48,33 +39,22 @@ class Detection(Immutable):
 
 @dc.dataclass(frozen=True, eq=False)
 class Detections(Immutable):
-    """All markers found in one image.
+    """All markers found in one image."""
 
-    Attributes:
-        time: when the image was taken (s).
-        markers: tuple of Detection.
-        refused: tuple of (reason, ID) of what looked like a marker and was not
-            taken for one; the ID is None if the reason is the whole image.
-    """
-
-    time: float = -1.0
-    markers: tuple = ()
+    time: float = -1.0  #: when the image was taken (s)
+    markers: tuple = ()  #: tuple of Detection
+    #: Tuple of (reason, ID) of what looked like a marker and was not taken for one; the ID is None
+    #: if the reason is the whole image.
     refused: tuple = ()
 
 
 @dc.dataclass(frozen=True, eq=False)
 class ExplorerEvent(Immutable):
-    """A change of the explorer's state.
+    """A change of the explorer's state."""
 
-    Attributes:
-        time: when (s).
-        state: name of the state that was entered.
-        reason: why.
-    """
-
-    time: float
-    state: str
-    reason: str
+    time: float  #: when (s)
+    state: str  #: name of the state that was entered
+    reason: str  #: why
 
 
 LAND = "LAND"  # the state of an explorer that lands because the drone does not know where it is
@@ -82,85 +62,52 @@ LAND = "LAND"  # the state of an explorer that lands because the drone does not 
 
 @dc.dataclass(frozen=True, eq=False)
 class ExplorerStatus(Immutable):
-    """How far the exploration is.
+    """How far the exploration is."""
 
-    Attributes:
-        state: name of the explorer's state.
-        reason: why it was entered.
-        since: when (s).
-        gates: numbers of the gates found, in the order of flight.
-        closed_at: when the loop was closed (s), None before.
-        done: whether it is, and the drone is ready to race.
-        events: tuple of ExplorerEvent, all changes of state so far, the last
-            of which is the present state.
-    """
-
-    state: str = "CALIBRATE"
-    reason: str = "power on"
-    since: float = 0.0
-    gates: tuple = ()
-    closed_at: float | None = None
-    done: bool = False
+    state: str = "CALIBRATE"  #: name of the explorer's state
+    reason: str = "power on"  #: why it was entered
+    since: float = 0.0  #: when (s)
+    gates: tuple = ()  #: numbers of the gates found, in the order of flight
+    closed_at: float | None = None  #: when the loop was closed (s), None before
+    done: bool = False  #: whether it is, and the drone is ready to race
+    #: Tuple of ExplorerEvent, all changes of state so far, the last of which is the present state.
     events: tuple = ()
 
 
 @dc.dataclass(frozen=True, eq=False)
 class PolicyStatus(Immutable):
-    """Whether a policy flies: see PolicyController.
+    """Whether a policy flies: see PolicyController."""
 
-    Attributes:
-        flies: whether the network does.
-        since: when it took over, or handed back (s).
-        reason: why it has handed back to the planner; empty before.
-        planner_may_plan: whether it has, and the drone hovers again.
-        passed: number of gates that the network has passed.
-    """
-
-    flies: bool = False
-    since: float = 0.0
-    reason: str = ""
-    planner_may_plan: bool = False
-    passed: int = 0
+    flies: bool = False  #: whether the network does
+    since: float = 0.0  #: when it took over, or handed back (s)
+    reason: str = ""  #: why it has handed back to the planner; empty before
+    planner_may_plan: bool = False  #: whether it has, and the drone hovers again
+    passed: int = 0  #: number of gates that the network has passed
 
 
 @dc.dataclass(frozen=True)
 class GateCrossing:
-    """One gate flown through in order.
+    """One gate flown through in order."""
 
-    Attributes:
-        time: of the crossing, interpolated between two updates (s).
-        gate: number of the gate, from 1.
-        lap: number of the lap that this crossing belongs to, from 1; gate 1
-            belongs to the lap that it starts.
-        offset: distance of the crossing from the gate's midpoint (m).
-        max_speed: since the crossing before (m/s).
-    """
-
-    time: float
-    gate: int
+    time: float  #: of the crossing, interpolated between two updates (s)
+    gate: int  #: number of the gate, from 1
+    #: Number of the lap that this crossing belongs to, from 1; gate 1 belongs to the lap that it
+    #: starts.
     lap: int
-    offset: float
-    max_speed: float
+    offset: float  #: distance of the crossing from the gate's midpoint (m)
+    max_speed: float  #: since the crossing before (m/s)
 
 
 @dc.dataclass(frozen=True)
 class RefereeStatus(Immutable):
-    """The race so far.
+    """The race so far."""
 
-    Attributes:
-        crossings: all counted crossings in order; the one after the last
-            lap's last gate closes that lap.
-        finished: whether all laps are flown.
-        dnf_reason: why the race ended before that, or None.
-        end_time: of either (s), or None.
-        collisions: number of contacts that the race ended with (0 or 1).
-    """
-
+    #: All counted crossings in order; the one after the last lap's last gate closes that lap.
     crossings: tuple
-    finished: bool
-    dnf_reason: str | None
-    end_time: float | None
-    collisions: int
+    finished: bool  #: whether all laps are flown
+    dnf_reason: str | None  #: why the race ended before that, or None
+    end_time: float | None  #: of either (s), or None
+    collisions: int  #: number of contacts that the race ended with (0 or 1)
 
     @property
     def over(self) -> bool:

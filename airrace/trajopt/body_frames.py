@@ -11,17 +11,11 @@ SPACING = 3.0  # m of path between two frames that are shown
 
 
 class BodyFrames(NamedTuple):
-    """Poses of the body along a path, in the world, N of them.
+    """Poses of the body along a path, in the world, N of them."""
 
-    Attributes:
-        positions: p_WB (m), (3, N).
-        x_axes: where the body's nose points, unit vectors (3, N).
-        z_axes: the thrust axis, unit vectors (3, N).
-    """
-
-    positions: np.ndarray
-    x_axes: np.ndarray
-    z_axes: np.ndarray
+    positions: np.ndarray  #: p_WB (m), (3, N)
+    x_axes: np.ndarray  #: where the body's nose points, unit vectors (3, N)
+    z_axes: np.ndarray  #: the thrust axis, unit vectors (3, N)
 
 
 def body_frames(samples: np.ndarray, spacing: float = SPACING) -> BodyFrames:

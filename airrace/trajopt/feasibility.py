@@ -84,26 +84,19 @@ def peaks(samples: np.ndarray) -> tuple[float, float]:
 
 @dc.dataclass(frozen=True, eq=False)
 class FlightCheck(Immutable):
-    """The extremes of a flight, by inverse dynamics.
+    """The extremes of a flight, by inverse dynamics."""
 
-    Attributes:
-        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
-        max_rate: of the body's angular velocity (rad/s).
-        max_thrusts, min_thrusts: of every rotor (N), tuples.
-        clearance: from the nearest pylon's axis (m).
-        excess: the largest of all limited quantities over its limit, less one; at
-            most zero if the limits are kept.
-        active_limits: names of the limits that are used to the full.
-    """
-
-    max_speed: float
-    max_acceleration: float
-    max_rate: float
+    max_speed: float  #: m/s
+    max_acceleration: float  #: without gravity (m/s^2)
+    max_rate: float  #: of the body's angular velocity (rad/s)
+    #: max_thrusts, min_thrusts: of every rotor (N), tuples
     max_thrusts: tuple
     min_thrusts: tuple
-    clearance: float
+    clearance: float  #: from the nearest pylon's axis (m)
+    #: The largest of all limited quantities over its limit, less one; at most zero if the limits
+    #: are kept.
     excess: float
-    active_limits: tuple
+    active_limits: tuple  #: names of the limits that are used to the full
 
 
 def check_flight(samples: np.ndarray, pylons: ArrayLike, limits: FlightLimits) -> FlightCheck:

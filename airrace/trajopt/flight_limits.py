@@ -13,24 +13,17 @@ _SCALED = "thrust_share", "max_speed", "max_acceleration", "max_rate"
 
 @dc.dataclass(frozen=True, eq=False)
 class FlightLimits:
-    """Limits of a flight.
+    """Limits of a flight."""
 
-    Attributes:
-        vehicle: each rotor's thrust must lie between zero and its limit.
-        thrust_share: of the rotors' limits, that may be used at most; the rest is left
-            to the controller. idle_share: likewise, at least.
-        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
-        max_rate: of the body's angular velocity (rad/s).
-        min_lift: vertical component of the thrust over mass (m/s^2); the drone
-            never points down, and a heading always has a meaning.
-    """
-
-    vehicle: Vehicle
+    vehicle: Vehicle  #: each rotor's thrust must lie between zero and its limit
+    #: Of the rotors' limits, that may be used at most; the rest is left to the controller.
     thrust_share: float = 1.0
-    idle_share: float = 0.0
-    max_speed: float = np.inf
-    max_acceleration: float = np.inf
-    max_rate: float = 20.0
+    idle_share: float = 0.0  #: likewise, at least
+    max_speed: float = np.inf  #: m/s
+    max_acceleration: float = np.inf  #: without gravity (m/s^2)
+    max_rate: float = 20.0  #: of the body's angular velocity (rad/s)
+    #: Vertical component of the thrust over mass (m/s^2); the drone never points down, and a
+    #: heading always has a meaning.
     min_lift: float = 0.5 * GRAVITY
 
     def scaled(self, share: float) -> "FlightLimits":
@@ -75,19 +68,13 @@ class FlightLimits:
 
 @dc.dataclass(frozen=True, eq=False)
 class FlightConstraints:
-    """What a flight must keep.
+    """What a flight must keep."""
 
-    Attributes:
-        pylons: axes to keep clear of, [x, y], (m, 2) m.
-        clearance: from those, a number or (m,) m.
-        limits: of the vehicle, and those added.
-        half_view: angle off the heading within which a time-optimal flight keeps the midpoint
-            of the next gate until it is near (rad), pi at most.
-    """
-
-    pylons: np.ndarray
-    clearance: float | np.ndarray
-    limits: FlightLimits
+    pylons: np.ndarray  #: axes to keep clear of, [x, y], (m, 2) m
+    clearance: float | np.ndarray  #: from those, a number or (m,) m
+    limits: FlightLimits  #: of the vehicle, and those added
+    #: Angle off the heading within which a time-optimal flight keeps the midpoint of the next gate
+    #: until it is near (rad), pi at most.
     half_view: float = np.deg2rad(40.0)
 
     def check(self) -> None:

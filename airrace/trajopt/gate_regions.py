@@ -17,18 +17,13 @@ class GateRegions:
     """The gates of a lap, in racing order, and where each is crossed.
 
     Build it with windows() or balls().
-
-    Attributes:
-        midpoints: (n, 3) m, in the world.
-        headings: (n,) rad, unwrapped.
-        half_sizes: of windows, to either side and up and down, (n, 2) m; None for balls.
-        radius: of balls (m).
     """
 
-    midpoints: np.ndarray
-    headings: np.ndarray
+    midpoints: np.ndarray  #: (n, 3) m, in the world
+    headings: np.ndarray  #: (n,) rad, unwrapped
+    #: Of windows, to either side and up and down, (n, 2) m; None for balls.
     half_sizes: np.ndarray | None
-    radius: float
+    radius: float  #: of balls (m)
 
     @classmethod
     def windows(

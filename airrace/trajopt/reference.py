@@ -17,20 +17,16 @@ class Reference(NamedTuple):
 
     Its vector is (18,), that of N samples (18, N), by ``np.vstack(reference)``. With a vertical
     acceleration below NO_LIFT, it asks for nothing: rotors stand still, see flat_trajectory.idle().
-
-    Attributes:
-        position: in the world, p_WB (m), (3,).
-        velocity, acceleration, jerk, snap: its derivatives (m/s, ..., m/s^4), (3,).
-        yaw: of the body's x axis (rad).
-        yaw_rate, yaw_acceleration: its derivatives (rad/s, rad/s^2).
     """
 
-    position: np.ndarray
+    position: np.ndarray  #: in the world, p_WB (m), (3,)
+    #: velocity, acceleration, jerk, snap: its derivatives (m/s, ..., m/s^4), (3,)
     velocity: np.ndarray
     acceleration: np.ndarray
     jerk: np.ndarray
     snap: np.ndarray
-    yaw: float
+    yaw: float  #: of the body's x axis (rad)
+    #: yaw_rate, yaw_acceleration: its derivatives (rad/s, rad/s^2)
     yaw_rate: float
     yaw_acceleration: float
 

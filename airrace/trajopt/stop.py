@@ -20,19 +20,12 @@ LOW = 1.0  # m over the ground; from there it sinks slowly
 
 
 class Stop(NamedTuple):
-    """A stop, by the state in which it begins.
+    """A stop, by the state in which it begins."""
 
-    Attributes:
-        position: p_WB (m), (3,).
-        yaw: heading of the body's x axis (rad).
-        velocity: v_WB (m/s), (3,).
-        airborne: whether it has taken off; if not, its rotors idle.
-    """
-
-    position: np.ndarray
-    yaw: float
-    velocity: np.ndarray
-    airborne: bool = True
+    position: np.ndarray  #: p_WB (m), (3,)
+    yaw: float  #: heading of the body's x axis (rad)
+    velocity: np.ndarray  #: v_WB (m/s), (3,)
+    airborne: bool = True  #: whether it has taken off; if not, its rotors idle
 
     @classmethod
     def of(cls, estimate: np.ndarray, pad: float) -> "Stop":
@@ -104,12 +97,9 @@ class Landing(Immutable):
     """Brakes in the direction of flight, and descends on the spot.
 
     It stands where a trajectory stands otherwise.
-
-    Attributes:
-        stop: from the state at the beginning.
     """
 
-    stop: Stop
+    stop: Stop  #: from the state at the beginning
 
     def reference(self, time: float) -> np.ndarray:
         """Returns the sample at a time since the beginning (s), a Reference as a vector, (18,)."""

@@ -31,17 +31,11 @@ _ALPHA = 0.6
 
 @dc.dataclass(frozen=True)
 class Ghost:
-    """The part of a run that is shown.
+    """The part of a run that is shown."""
 
-    Attributes:
-        run: with its state recorded.
-        start: which of its times is time zero of the replay (s).
-        color: a key of COLORS.
-    """
-
-    run: Run
-    start: float
-    color: str
+    run: Run  #: with its state recorded
+    start: float  #: which of its times is time zero of the replay (s)
+    color: str  #: a key of COLORS
 
 
 def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> list:

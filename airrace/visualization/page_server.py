@@ -32,19 +32,13 @@ FILES = {"race.html": "replay", "report.html": "report", "race.json": "race.json
 
 
 class Source(NamedTuple):
-    """What a server serves.
+    """What a server serves."""
 
-    Attributes:
-        make_page: from Meshcat's HTML to the page; raises KeyError while there is none yet.
-        meshcat_port: of Drake's Meshcat on this computer.
-        record: of the race.
-        pace: that pages ask for.
-    """
-
+    #: From Meshcat's HTML to the page; raises KeyError while there is none yet.
     make_page: Callable[[str], str]
-    meshcat_port: int
-    record: RaceRecord
-    pace: PaceRequest
+    meshcat_port: int  #: of Drake's Meshcat on this computer
+    record: RaceRecord  #: of the race
+    pace: PaceRequest  #: that pages ask for
 
 
 class PageServer:

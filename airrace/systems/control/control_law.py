@@ -24,25 +24,19 @@ _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have fo
 
 
 class ControlParameters(NamedTuple):
-    """The vehicle and its gains, as lee_wrench() takes them.
+    """The vehicle and its gains, as lee_wrench() takes them."""
 
-    Attributes:
-        mass: (kg). inertia: principal moments in B (kg m^2), (3,).
-        k_x, k_v: gains on errors in position (1/s^2) and velocity (1/s), per mass.
-        k_R, k_w: gains on errors in attitude (1/s^2) and angular velocity (1/s), per
-            moment of inertia, (3,).
-        max_force: the greatest specific force to ask for (m/s^2).
-        reduced: whether the tilt goes before the yaw, see lee_wrench().
-    """
-
-    mass: float
-    inertia: np.ndarray
+    mass: float  #: kg
+    inertia: np.ndarray  #: principal moments in B (kg m^2), (3,)
+    #: k_x, k_v: gains on errors in position (1/s^2) and velocity (1/s), per mass
     k_x: float
     k_v: float
+    #: k_R, k_w: gains on errors in attitude (1/s^2) and angular velocity (1/s), per moment of
+    #: inertia, (3,)
     k_R: np.ndarray
     k_w: np.ndarray
-    max_force: float
-    reduced: bool
+    max_force: float  #: the greatest specific force to ask for (m/s^2)
+    reduced: bool  #: whether the tilt goes before the yaw, see lee_wrench()
 
 
 _PACKING = Packing(ControlParameters, inertia=3, k_R=3, k_w=3)

@@ -18,24 +18,16 @@ _LITTLE = 1e-9  # N, too little to limit
 
 
 class RateParameters(NamedTuple):
-    """The vehicle as rate_law() takes it, for n rotors.
+    """The vehicle as rate_law() takes it, for n rotors."""
 
-    Attributes:
-        gains: on errors of the rates about x, y, z (1/s), (3,).
-        inertia: principal moments in B (kg m^2), (3,).
-        inverse: from [f, Mx, My, Mz] to the thrusts: pseudo-inverse of Vehicle.allocation, (n, 4).
-        max_thrusts: (N), (n,). thrust_coefficients: (N s^2), (n,).
-        max_speeds: (rad/s), (n,).
-        overdrive: factor on changes of a rotor's speed, see set_speeds().
-    """
-
-    gains: np.ndarray
-    inertia: np.ndarray
+    gains: np.ndarray  #: on errors of the rates about x, y, z (1/s), (3,)
+    inertia: np.ndarray  #: principal moments in B (kg m^2), (3,)
+    #: From [f, Mx, My, Mz] to the thrusts: pseudo-inverse of Vehicle.allocation, (n, 4).
     inverse: np.ndarray
-    max_thrusts: np.ndarray
-    thrust_coefficients: np.ndarray
-    max_speeds: np.ndarray
-    overdrive: float
+    max_thrusts: np.ndarray  #: (N), (n,)
+    thrust_coefficients: np.ndarray  #: (N s^2), (n,)
+    max_speeds: np.ndarray  #: (rad/s), (n,)
+    overdrive: float  #: factor on changes of a rotor's speed, see set_speeds()
 
 
 def make_rate_parameters(vehicle: Vehicle, rate: float) -> RateParameters:

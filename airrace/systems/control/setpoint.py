@@ -11,35 +11,20 @@ IDLE, RATES, ATTITUDE, VELOCITY, POSITION, MOTORS = range(6)
 
 
 class Setpoint(NamedTuple):
-    """A set-point; W is the world, z up, and B the body, x forward, y left.
+    """A set-point; W is the world, z up, and B the body, x forward, y left."""
 
-    Attributes:
-        kind: see above; numbers that are not of its kind do not matter.
-        time: when it came (s).
-        armed: 1 if the motors may turn, 0 if not.
-        thrust: of RATES and ATTITUDE, as a share of all that the rotors have, 0 to 1.
-        yaw: of VELOCITY and POSITION, from the world's x axis (rad).
-        has_yaw: 1 if yaw matters; with 0, the drone turns at yaw_rate.
-        yaw_rate: about the vertical (rad/s).
-        rates: of RATES, in B (rad/s), (3,).
-        quaternion: of ATTITUDE, of R_WB, (4,).
-        position: of POSITION, p_WB (m), (3,).
-        velocity: of VELOCITY, v_WB; of POSITION, on top of what leads there (m/s), (3,).
-        motors: of MOTORS, thrusts as shares of each rotor's greatest, 0 to 1, (4,).
-    """
-
-    kind: float
-    time: float
-    armed: float
-    thrust: float
-    yaw: float
-    has_yaw: float
-    yaw_rate: float
-    rates: np.ndarray
-    quaternion: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    motors: np.ndarray
+    kind: float  #: see above; numbers that are not of its kind do not matter
+    time: float  #: when it came (s)
+    armed: float  #: 1 if the motors may turn, 0 if not
+    thrust: float  #: of RATES and ATTITUDE, as a share of all that the rotors have, 0 to 1
+    yaw: float  #: of VELOCITY and POSITION, from the world's x axis (rad)
+    has_yaw: float  #: 1 if yaw matters; with 0, the drone turns at yaw_rate
+    yaw_rate: float  #: about the vertical (rad/s)
+    rates: np.ndarray  #: of RATES, in B (rad/s), (3,)
+    quaternion: np.ndarray  #: of ATTITUDE, of R_WB, (4,)
+    position: np.ndarray  #: of POSITION, p_WB (m), (3,)
+    velocity: np.ndarray  #: of VELOCITY, v_WB; of POSITION, on top of what leads there (m/s), (3,)
+    motors: np.ndarray  #: of MOTORS, thrusts as shares of each rotor's greatest, 0 to 1, (4,)
 
 
 _LEVEL, _ZERO, _STILL = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(4)

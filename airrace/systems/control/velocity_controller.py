@@ -20,17 +20,11 @@ _LEVEL_LIMIT, _UP_LIMIT, _DOWN_LIMIT = 8.0, 12.0, 5.0  # m/s^2
 
 
 class AttitudeCommand(NamedTuple):
-    """What the velocity controller asks of the attitude controller.
+    """What the velocity controller asks of the attitude controller."""
 
-    Attributes:
-        thrust: of all rotors (N).
-        quaternion: of R_WB, (4,).
-        yaw_rate: about the vertical (rad/s).
-    """
-
-    thrust: float
-    quaternion: np.ndarray
-    yaw_rate: float
+    thrust: float  #: of all rotors (N)
+    quaternion: np.ndarray  #: of R_WB, (4,)
+    yaw_rate: float  #: about the vertical (rad/s)
 
 
 _PACKING = Packing(AttitudeCommand, quaternion=4)

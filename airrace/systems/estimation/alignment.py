@@ -32,36 +32,23 @@ _STEP = 1e-4  # of the numerical derivative, relative
 
 
 class Rest(NamedTuple):
-    """Means of all samples at rest.
+    """Means of all samples at rest."""
 
-    Attributes:
-        samples: how many.
-        duration: of them together (s).
-        angular_velocity: mean (rad/s), (3,).
-        specific_force: mean (m/s^2), (3,).
-    """
-
-    samples: int
-    duration: float
-    angular_velocity: np.ndarray
-    specific_force: np.ndarray
+    samples: int  #: how many
+    duration: float  #: of them together (s)
+    angular_velocity: np.ndarray  #: mean (rad/s), (3,)
+    specific_force: np.ndarray  #: mean (m/s^2), (3,)
 
 
 NO_REST = Rest(0, 0.0, np.zeros(3), np.array((0.0, 0.0, GRAVITY)))
 
 
 class Still(NamedTuple):
-    """Means of a marker's corners at rest.
+    """Means of a marker's corners at rest."""
 
-    Attributes:
-        pictures: how many.
-        corners: mean (px), (4, 2).
-        variance: of a coordinate by a picture's noise, mean (px^2).
-    """
-
-    pictures: int
-    corners: np.ndarray
-    variance: float
+    pictures: int  #: how many
+    corners: np.ndarray  #: mean (px), (4, 2)
+    variance: float  #: of a coordinate by a picture's noise, mean (px^2)
 
     def put_into(self, marker: Detection) -> Detection:
         """Returns a marker with the means, and with the noise that these have."""

@@ -23,20 +23,13 @@ _WHILE = 30  # commands
 
 
 class RigidBodyModel(NamedTuple):
-    """What the prediction knows of the drone.
+    """What the prediction knows of the drone."""
 
-    Attributes:
-        mass: (kg). inertia: principal moments in B (kg m^2), (3,).
-        allocation: from the rotors' thrusts to [f, Mx, My, Mz], (4, n).
-        rotors: their RotorDynamics, for one period.
-        period: of a step (s).
-    """
-
-    mass: float
-    inertia: np.ndarray
-    allocation: np.ndarray
-    rotors: RotorDynamics
-    period: float
+    mass: float  #: kg
+    inertia: np.ndarray  #: principal moments in B (kg m^2), (3,)
+    allocation: np.ndarray  #: from the rotors' thrusts to [f, Mx, My, Mz], (4, n)
+    rotors: RotorDynamics  #: their RotorDynamics, for one period
+    period: float  #: of a step (s)
 
 
 class DelayCompensator(LeafSystem):

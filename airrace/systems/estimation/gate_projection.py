@@ -22,17 +22,11 @@ _LEAST_DEPTH = 0.1  # m, of a corner that a camera can show
 
 
 class Camera(NamedTuple):
-    """The camera, as it is mounted beside the inertial sensor.
+    """The camera, as it is mounted beside the inertial sensor."""
 
-    Attributes:
-        intrinsics: fx, fy, cx, cy, k1, k2, p1, p2, k3, (9,).
-        R_CB: rotation from the body to the camera, (3, 3).
-        p_IC: from the sensor to the camera, in axes of the body (m), (3,).
-    """
-
-    intrinsics: np.ndarray
-    R_CB: np.ndarray
-    p_IC: np.ndarray
+    intrinsics: np.ndarray  #: fx, fy, cx, cy, k1, k2, p1, p2, k3, (9,)
+    R_CB: np.ndarray  #: rotation from the body to the camera, (3, 3)
+    p_IC: np.ndarray  #: from the sensor to the camera, in axes of the body (m), (3,)
 
 
 @compiled

@@ -39,45 +39,30 @@ ACTIVE = POSE + GATE  # errors that one gate's picture depends on
 
 
 class Belief(NamedTuple):
-    """What the filter believes at one time.
+    """What the filter believes at one time."""
 
-    Attributes:
-        navigation: the drone's nominal state, a vector of Navigation, (17,).
-        gates: nominal states of n gates, (n, 5).
-        covariance: of the errors of drone and gates, (15 + 5 n, 15 + 5 n).
-    """
-
-    navigation: np.ndarray
-    gates: np.ndarray
-    covariance: np.ndarray
+    navigation: np.ndarray  #: the drone's nominal state, a vector of Navigation, (17,)
+    gates: np.ndarray  #: nominal states of n gates, (n, 5)
+    covariance: np.ndarray  #: of the errors of drone and gates, (15 + 5 n, 15 + 5 n)
 
 
 class GateMeasurement(NamedTuple):
-    """Markers of one gate in one picture.
+    """Markers of one gate in one picture."""
 
-    Attributes:
-        gate: index of the gate in the belief.
-        ids: of the markers, (m,).
-        corners: (m, 8) px, x and y of each corner in turn.
-        noise: variance of a coordinate by the picture's noise, of each marker (px^2), (m,).
-    """
-
-    gate: int
-    ids: np.ndarray
-    corners: np.ndarray
+    gate: int  #: index of the gate in the belief
+    ids: np.ndarray  #: of the markers, (m,)
+    corners: np.ndarray  #: (m, 8) px, x and y of each corner in turn
+    #: Variance of a coordinate by the picture's noise, of each marker (px^2), (m,).
     noise: np.ndarray
 
 
 class Innovation(NamedTuple):
-    """How well markers fitted the belief before an update.
+    """How well markers fitted the belief before an update."""
 
-    Attributes:
-        squared: the normalised innovation squared, r^T S^-1 r, of the picture before the update.
-        cost: what the update minimised, at the last iteration: squared standard deviations of
-            innovations and corrections; infinite if a corner would be behind the camera.
-    """
-
+    #: The normalised innovation squared, r^T S^-1 r, of the picture before the update.
     squared: float
+    #: What the update minimised, at the last iteration: squared standard deviations of innovations
+    #: and corrections; infinite if a corner would be behind the camera.
     cost: float
 
 

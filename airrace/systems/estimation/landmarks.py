@@ -45,39 +45,23 @@ _NEAR, _TURN, _SOON = 2.0, 0.3, 0.5
 
 @dc.dataclass(frozen=True, eq=False)
 class Landmark(Immutable):
-    """What is known of one gate in the filter, beside its state.
+    """What is known of one gate in the filter, beside its state."""
 
-    Attributes:
-        number: of the gate.
-        counts: marker ID to how many observations count.
-        outliers: marker ID to how many were refused.
-        refused_in_a_row: pictures in which all its markers were refused, up to now.
-        is_known: whether both its pylons are known well enough to fly through.
-        has_spacing: whether the spacing that the rules say is in its state.
-        seen_at: time of the newest picture that counts (s).
-    """
-
-    number: int
-    counts: dict = dc.field(default_factory=dict)
-    outliers: dict = dc.field(default_factory=dict)
-    refused_in_a_row: int = 0
-    is_known: bool = False
-    has_spacing: bool = False
-    seen_at: float = -1.0
+    number: int  #: of the gate
+    counts: dict = dc.field(default_factory=dict)  #: marker ID to how many observations count
+    outliers: dict = dc.field(default_factory=dict)  #: marker ID to how many were refused
+    refused_in_a_row: int = 0  #: pictures in which all its markers were refused, up to now
+    is_known: bool = False  #: whether both its pylons are known well enough to fly through
+    has_spacing: bool = False  #: whether the spacing that the rules say is in its state
+    seen_at: float = -1.0  #: time of the newest picture that counts (s)
 
 
 class Candidate(NamedTuple):
-    """A gate that is not yet in the filter.
+    """A gate that is not yet in the filter."""
 
-    Attributes:
-        measurements: so far, that agree.
-        time: of the newest (s).
-        state: of the gate by that, (5,).
-    """
-
-    measurements: int
-    time: float
-    state: np.ndarray
+    measurements: int  #: so far, that agree
+    time: float  #: of the newest (s)
+    state: np.ndarray  #: of the gate by that, (5,)
 
 
 def agreeing(candidate: Candidate | None, time: float, state: np.ndarray) -> Candidate:

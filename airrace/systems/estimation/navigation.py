@@ -18,23 +18,14 @@ from airrace.vehicle.state import as_state
 
 
 class Navigation(NamedTuple):
-    """Time, pose, velocity and biases of the inertial sensor.
+    """Time, pose, velocity and biases of the inertial sensor."""
 
-    Attributes:
-        time: (s); negative before anything is known.
-        quaternion: of R_WB, [w, x, y, z], (4,).
-        position: p_WI (m), (3,).
-        velocity: v_WI (m/s), (3,).
-        gyro_bias: of the angular velocity (rad/s), (3,).
-        accel_bias: of the specific force (m/s^2), (3,).
-    """
-
-    time: float
-    quaternion: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    gyro_bias: np.ndarray
-    accel_bias: np.ndarray
+    time: float  #: (s); negative before anything is known
+    quaternion: np.ndarray  #: of R_WB, [w, x, y, z], (4,)
+    position: np.ndarray  #: p_WI (m), (3,)
+    velocity: np.ndarray  #: v_WI (m/s), (3,)
+    gyro_bias: np.ndarray  #: of the angular velocity (rad/s), (3,)
+    accel_bias: np.ndarray  #: of the specific force (m/s^2), (3,)
 
 
 _PACKING = Packing(Navigation, quaternion=4, position=3, velocity=3, gyro_bias=3, accel_bias=3)

@@ -58,14 +58,10 @@ _PROCESS_NOISE = 1.3  # times that of the sensor
 
 
 class MapFrame(NamedTuple):
-    """Where the frame of the map is: the drone's pose on its pad defines it.
+    """Where the frame of the map is: the drone's pose on its pad defines it."""
 
-    Attributes:
-        heading: of the drone (rad).
-        position: a function of R_WB, (3, 3), to p_WI of the sensor (m), (3,).
-    """
-
-    heading: float
+    heading: float  #: of the drone (rad)
+    #: A function of R_WB, (3, 3), to p_WI of the sensor (m), (3,).
     position: Callable[[np.ndarray], np.ndarray]
 
 

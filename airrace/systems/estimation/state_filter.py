@@ -29,21 +29,13 @@ FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
 
 class FilterMemory(NamedTuple):
-    """What the filter remembers, beside the disturbance.
+    """What the filter remembers, beside the disturbance."""
 
-    Attributes:
-        time: to which it has predicted (s).
-        newest: time of the newest estimate (s), negative before the first.
-        thrust: of the rotors, per mass (m/s^2).
-        position: p_WB then (m), (3,).
-        velocity: v_WB then (m/s), (3,).
-    """
-
-    time: float
-    newest: float
-    thrust: float
-    position: np.ndarray
-    velocity: np.ndarray
+    time: float  #: to which it has predicted (s)
+    newest: float  #: time of the newest estimate (s), negative before the first
+    thrust: float  #: of the rotors, per mass (m/s^2)
+    position: np.ndarray  #: p_WB then (m), (3,)
+    velocity: np.ndarray  #: v_WB then (m/s), (3,)
 
 
 _NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))

@@ -163,47 +163,28 @@ class StrapdownIntegrator(LeafSystem):
 
 
 class _Model(NamedTuple):
-    """The integrator's constants.
+    """The integrator's constants."""
 
-    Attributes:
-        p_BI: where the sensor is mounted (m), (3,).
-        ranges: of its angular velocity (rad/s) and specific force (m/s^2), (6,).
-        period: of its samples (s).
-        silent: time without a sample that is too long (s).
-        thrust_per_mass: see specific_thrust(), (r,).
-        wrench_by_squares: matrix from the rotors' squared speeds to [T, Mx, My, Mz], (4, r).
-        inertia: mass (kg) and moments of inertia (kg m^2), (4,).
-    """
-
-    p_BI: np.ndarray
-    ranges: np.ndarray
-    period: float
-    silent: float
-    thrust_per_mass: np.ndarray
+    p_BI: np.ndarray  #: where the sensor is mounted (m), (3,)
+    ranges: np.ndarray  #: of its angular velocity (rad/s) and specific force (m/s^2), (6,)
+    period: float  #: of its samples (s)
+    silent: float  #: time without a sample that is too long (s)
+    thrust_per_mass: np.ndarray  #: see specific_thrust(), (r,)
+    #: Matrix from the rotors' squared speeds to [T, Mx, My, Mz], (4, r).
     wrench_by_squares: np.ndarray
-    inertia: np.ndarray
+    inertia: np.ndarray  #: mass (kg) and moments of inertia (kg m^2), (4,)
 
 
 class _Memory(NamedTuple):
-    """What the integrator remembers, as views of a vector.
+    """What the integrator remembers, as views of a vector."""
 
-    Attributes:
-        history: samples, newest first, (n, 7).
-        navigation: vector of a Navigation, (17,).
-        corrected: the time of the correction that it goes on from (s), (1,).
-        estimate: at the newest sample, (14,).
-        heard: time of the sensor's newest sound sample (s), (1,).
-        expected: the angular velocity since (rad/s), (3,).
-        age: how old the newest sample has been of late when it came (s), (1,).
-    """
-
-    history: np.ndarray
-    navigation: np.ndarray
-    corrected: np.ndarray
-    estimate: np.ndarray
-    heard: np.ndarray
-    expected: np.ndarray
-    age: np.ndarray
+    history: np.ndarray  #: samples, newest first, (n, 7)
+    navigation: np.ndarray  #: vector of a Navigation, (17,)
+    corrected: np.ndarray  #: the time of the correction that it goes on from (s), (1,)
+    estimate: np.ndarray  #: at the newest sample, (14,)
+    heard: np.ndarray  #: time of the sensor's newest sound sample (s), (1,)
+    expected: np.ndarray  #: the angular velocity since (rad/s), (3,)
+    age: np.ndarray  #: how old the newest sample has been of late when it came (s), (1,)
 
 
 _PACKING = Packing(

@@ -17,36 +17,28 @@ _SWITCHED_ON = ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"
 
 @dc.dataclass(frozen=True, eq=False)
 class Memory(Immutable):
-    """The explorer's own state; by default that of a drone that was just switched on.
+    """The explorer's own state; by default that of a drone that was just switched on."""
 
-    Attributes:
-        status: the output.
-        leg, leg_start: trajectory being flown, at last a Landing, and when it started (s). On the
-            pad there is nothing to fly, until the status is no longer CALIBRATE.
-        home: hover pose over the start: x, y, z and yaw, (4,); on the pad infinitely far down.
-        aligned: whether the heading was checked against gate 1.
-        last: newest gate of the list, None before the first.
-        closing: whether gate 1 was seen to close the loop while it was too late to turn home: it
-            may be out of sight behind the gate that was being passed.
-        gates_ahead: pairs of a gate on the leg, as it was when the leg was planned, and the
-            time on the leg at which it is passed (s).
-        steps, steps_around: of the search for the next gate so far, see search.py.
-        checked_at: when the leg was last checked against the map (s).
-        blocked_at: when no clear leg to the next gate or step was found (s).
-    """
-
-    status: ExplorerStatus = _SWITCHED_ON
+    status: ExplorerStatus = _SWITCHED_ON  #: the output
+    #: leg, leg_start: trajectory being flown, at last a Landing, and when it started (s). On the
+    #: pad there is nothing to fly, until the status is no longer CALIBRATE.
     leg: FlatTrajectory = _ON_PAD
     leg_start: float = 0.0
+    #: Hover pose over the start: x, y, z and yaw, (4,); on the pad infinitely far down.
     home: np.ndarray = dc.field(default_factory=lambda: read_only([0.0, 0.0, -np.inf, 0.0]))
-    aligned: bool = False
-    last: GateEstimate | None = None
+    aligned: bool = False  #: whether the heading was checked against gate 1
+    last: GateEstimate | None = None  #: newest gate of the list, None before the first
+    #: Whether gate 1 was seen to close the loop while it was too late to turn home: it may be out
+    #: of sight behind the gate that was being passed.
     closing: bool = False
+    #: Pairs of a gate on the leg, as it was when the leg was planned, and the time on the leg at
+    #: which it is passed (s).
     gates_ahead: tuple = ()
+    #: steps, steps_around: of the search for the next gate so far, see search.py
     steps: int = 0
     steps_around: int = 0
-    checked_at: float = 0.0
-    blocked_at: float = -np.inf
+    checked_at: float = 0.0  #: when the leg was last checked against the map (s)
+    blocked_at: float = -np.inf  #: when no clear leg to the next gate or step was found (s)
 
     @property
     def goal(self) -> np.ndarray:
@@ -84,22 +76,16 @@ class Memory(Immutable):
 
 @dc.dataclass(frozen=True)
 class Situation:
-    """What the explorer knows at one tick.
+    """What the explorer knows at one tick."""
 
-    Attributes:
-        memory: the explorer's own state.
-        time: (s).
-        detections, gate_map, estimate: its inputs.
-        fault: why the estimate is of no use any more, empty while it is of use.
-        drift: standard deviation of the estimated position relative to the known gates (m).
-    """
-
-    memory: Memory
-    time: float
+    memory: Memory  #: the explorer's own state
+    time: float  #: s
+    #: detections, gate_map, estimate: its inputs
     detections: Detections
     gate_map: GateMap
     estimate: np.ndarray
-    fault: str = ""
+    fault: str = ""  #: why the estimate is of no use any more, empty while it is of use
+    #: Standard deviation of the estimated position relative to the known gates (m).
     drift: float = 0.0
 
     @functools.cached_property

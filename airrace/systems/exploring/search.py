@@ -34,39 +34,28 @@ _LONGEST_LEG = LENGTHS[1] + GATE_SPACING / 2 * math.sin(TURN)
 
 
 class Step(NamedTuple):
-    """One step of a search.
+    """One step of a search."""
 
-    Attributes:
-        state, reason: of the explorer, when it takes the step.
-        routes: lists of waypoints x, y, z and yaw that lead there, the best first.
-        steps, steps_around: numbers of steps, and of steps around a gate, in the search
-            so far with this one.
-    """
-
+    #: state, reason: of the explorer, when it takes the step
     state: str
     reason: str
-    routes: list
+    routes: list  #: lists of waypoints x, y, z and yaw that lead there, the best first
+    #: steps, steps_around: numbers of steps, and of steps around a gate, in the search so far with
+    #: this one
     steps: int
     steps_around: int
 
 
 class _Move(NamedTuple):
-    """A viewpoint relative to the base: beyond the last gate, or over the start.
+    """A viewpoint relative to the base: beyond the last gate, or over the start."""
 
-    Attributes:
-        state, reason: see Step.
-        along: distance from the base (m).
-        bearing: where that is, left of the base's heading (degrees).
-        yaw: of the drone, left of the bearing (degrees).
-        above: whether above all pylons, where no obstacle is.
-    """
-
+    #: state, reason: see Step
     state: str
     reason: str
-    along: float = 0.0
-    bearing: float = 0.0
-    yaw: float = 0.0
-    above: bool = False
+    along: float = 0.0  #: distance from the base (m)
+    bearing: float = 0.0  #: where that is, left of the base's heading (degrees)
+    yaw: float = 0.0  #: of the drone, left of the bearing (degrees)
+    above: bool = False  #: whether above all pylons, where no obstacle is
 
 
 def _look_around(along, *angles, **where):

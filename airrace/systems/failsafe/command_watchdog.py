@@ -20,30 +20,19 @@ _NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
 
 class WatchdogMemory(NamedTuple):
-    """What the watchdog remembers.
+    """What the watchdog remembers."""
 
-    Attributes:
-        mode: FOLLOW, HOLD, HOVER or LAND.
-        last: when the newest command was sent (s).
-        since: when the drone was last under command (s).
-        landing: when the descent began (s).
-        yaw: its heading then (rad). position: p_WB then (m), (3,). velocity: v_WB then (m/s), (3,).
-        pad: height at which it stood at the start (m).
-        airborne: whether it has taken off.
-        oldest: age of the oldest command that was in force (s).
-        holds, hovers, landings: how often each began.
-    """
-
-    mode: float
-    last: float
-    since: float
-    landing: float
-    yaw: float
-    position: np.ndarray
-    velocity: np.ndarray
-    pad: float
-    airborne: float
-    oldest: float
+    mode: float  #: FOLLOW, HOLD, HOVER or LAND
+    last: float  #: when the newest command was sent (s)
+    since: float  #: when the drone was last under command (s)
+    landing: float  #: when the descent began (s)
+    yaw: float  #: its heading then (rad)
+    position: np.ndarray  #: p_WB then (m), (3,)
+    velocity: np.ndarray  #: v_WB then (m/s), (3,)
+    pad: float  #: height at which it stood at the start (m)
+    airborne: float  #: whether it has taken off
+    oldest: float  #: age of the oldest command that was in force (s)
+    #: holds, hovers, landings: how often each began
     holds: float
     hovers: float
     landings: float

@@ -31,17 +31,12 @@ FOLLOW, HOVER, LAND, OFF = range(4)
 
 
 class Watch(NamedTuple):
-    """What the watchdog remembers.
+    """What the watchdog remembers."""
 
-    Attributes:
-        phase: FOLLOW, HOVER, LAND or OFF. since: when it began (s).
-        position: where it holds the drone (m), (3,). yaw: and where that looks (rad).
-    """
-
-    phase: float
-    since: float
-    position: np.ndarray
-    yaw: float
+    phase: float  #: FOLLOW, HOVER, LAND or OFF
+    since: float  #: when it began (s)
+    position: np.ndarray  #: where it holds the drone (m), (3,)
+    yaw: float  #: and where that looks (rad)
 
 
 _PACKING = Packing(Watch, position=3)

@@ -30,17 +30,11 @@ from airrace.track import BOARD_OFFSET
 
 
 class GateState(NamedTuple):
-    """Pose and size of a gate.
+    """Pose and size of a gate."""
 
-    Attributes:
-        p_WG: midpoint at the boards' height (m), (3,).
-        heading: direction of flight (rad).
-        spacing: between the pylons' axes (m).
-    """
-
-    p_WG: np.ndarray
-    heading: float
-    spacing: float
+    p_WG: np.ndarray  #: midpoint at the boards' height (m), (3,)
+    heading: float  #: direction of flight (rad)
+    spacing: float  #: between the pylons' axes (m)
 
 
 _PACKING = Packing(GateState, p_WG=3)
@@ -64,19 +58,12 @@ _NONE = np.zeros(3)
 
 @dc.dataclass(frozen=True, eq=False)
 class GateFilter(Immutable):
-    """The estimate of a gate's pose; a new one for every observation.
+    """The estimate of a gate's pose; a new one for every observation."""
 
-    Attributes:
-        state: see above, (5,).
-        covariance: of its error, (5, 5).
-        time: of the newest observation in it (s).
-        obeys_rules: whether the spacing that the rules say is in it, too.
-    """
-
-    state: np.ndarray
-    covariance: np.ndarray
-    time: float
-    obeys_rules: bool = False
+    state: np.ndarray  #: see above, (5,)
+    covariance: np.ndarray  #: of its error, (5, 5)
+    time: float  #: of the newest observation in it (s)
+    obeys_rules: bool = False  #: whether the spacing that the rules say is in it, too
 
     @property
     def heading(self) -> float:

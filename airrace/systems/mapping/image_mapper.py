@@ -19,20 +19,14 @@ from airrace.vehicle.camera_info import CameraInfo
 
 @dc.dataclass(frozen=True, eq=False)
 class MapperState(Immutable):
-    """The mapper's state.
+    """The mapper's state."""
 
-    Attributes:
-        tracks: the estimator's state: GateTrack by gate number, or MarkerStatistics by
-            marker ID.
-        refused: dict of reasons to counts, without the estimator's own.
-        gate_map: the map that follows from these.
-        image_time: of the last image, whether it was of use or not (s).
-    """
-
+    #: The estimator's state: GateTrack by gate number, or MarkerStatistics by marker ID.
     tracks: dict = dc.field(default_factory=dict)
+    #: Dict of reasons to counts, without the estimator's own.
     refused: dict = dc.field(default_factory=dict)
-    gate_map: GateMap = GateMap()
-    image_time: float = -1.0
+    gate_map: GateMap = GateMap()  #: the map that follows from these
+    image_time: float = -1.0  #: of the last image, whether it was of use or not (s)
 
 
 class ImageMapper:

@@ -35,27 +35,16 @@ _FARTHEST = 1e6  # m: a pose that is farther away is broken, whatever the range
 
 
 class Observation(typing.NamedTuple):
-    """One marker in one image, in world coordinates.
+    """One marker in one image, in world coordinates."""
 
-    Attributes:
-        id: the ArUco ID.
-        time: of the image (s).
-        p_WC: position of the camera (m), (3,).
-        p_WM: position of the board's centre (m), (3,).
-        covariance: of p_WM (m^2), (3, 3).
-        normal: unit vector out of the board's face, (3,).
-        heading_variance: of the normal's direction about the vertical (rad^2).
-        joint: see Detection.
-    """
-
-    id: int
-    time: float
-    p_WC: np.ndarray
-    p_WM: np.ndarray
-    covariance: np.ndarray
-    normal: np.ndarray
-    heading_variance: float
-    joint: bool = False
+    id: int  #: the ArUco ID
+    time: float  #: of the image (s)
+    p_WC: np.ndarray  #: position of the camera (m), (3,)
+    p_WM: np.ndarray  #: position of the board's centre (m), (3,)
+    covariance: np.ndarray  #: of p_WM (m^2), (3, 3)
+    normal: np.ndarray  #: unit vector out of the board's face, (3,)
+    heading_variance: float  #: of the normal's direction about the vertical (rad^2)
+    joint: bool = False  #: see Detection
 
 
 def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:

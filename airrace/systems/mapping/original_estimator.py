@@ -13,34 +13,22 @@ from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 
 
 class PositionEstimate(NamedTuple):
-    """What some positions of a marker say together.
+    """What some positions of a marker say together."""
 
-    Attributes:
-        mean: of those that are no outliers, (3,) m.
-        variance: of their coordinates, as of a population, (3,) m^2.
-        outliers: number of the others.
-    """
-
-    mean: np.ndarray
-    variance: np.ndarray
-    outliers: int
+    mean: np.ndarray  #: of those that are no outliers, (3,) m
+    variance: np.ndarray  #: of their coordinates, as of a population, (3,) m^2
+    outliers: int  #: number of the others
 
 
 @dc.dataclass(frozen=True, eq=False)
 class MarkerStatistics(Immutable):
-    """All that is known of one marker; a new one for every observation.
+    """All that is known of one marker; a new one for every observation."""
 
-    Attributes:
-        positions: p_WM of every observation, oldest first, (n, 3) m; none is ever deleted.
-        normal: sum of their unit vectors out of the board's face, (3,).
-        estimate: what the positions say.
-        invalid: number of observations that said nothing.
-    """
-
+    #: P_WM of every observation, oldest first, (n, 3) m; none is ever deleted.
     positions: np.ndarray
-    normal: np.ndarray
-    estimate: PositionEstimate
-    invalid: int = 0
+    normal: np.ndarray  #: sum of their unit vectors out of the board's face, (3,)
+    estimate: PositionEstimate  #: what the positions say
+    invalid: int = 0  #: number of observations that said nothing
 
     @property
     def count(self) -> int:

@@ -37,23 +37,17 @@ class GateTrack(Immutable):
     estimate is small. Otherwise it is kept as unconfirmed. If two unconfirmed observations of
     different images agree with each other, the gate has moved, or the estimate was wrong: it
     starts again where they put the gate.
-
-    Attributes:
-        estimate: a GateFilter, None before two observations agreed.
-        unconfirmed: pairs of an observation that does not fit and the reason to
-            refuse it, oldest first.
-        counts: marker ID to how many observations count.
-        times: marker ID to the time of the newest that counts (s).
-        refused: (marker ID, reason) to how many are refused for good.
-        was_certain: whether the estimate was certain before the gate moved.
     """
 
-    estimate: GateFilter | None = None
+    estimate: GateFilter | None = None  #: a GateFilter, None before two observations agreed
+    #: Pairs of an observation that does not fit and the reason to refuse it, oldest first.
     unconfirmed: tuple = ()
-    counts: dict = dc.field(default_factory=dict)
+    counts: dict = dc.field(default_factory=dict)  #: marker ID to how many observations count
+    #: Marker ID to the time of the newest that counts (s).
     times: dict = dc.field(default_factory=dict)
+    #: (marker ID, reason) to how many are refused for good.
     refused: dict = dc.field(default_factory=dict)
-    was_certain: bool = False
+    was_certain: bool = False  #: whether the estimate was certain before the gate moved
 
     def updated(self, observation: Observation) -> "GateTrack":
         """Returns the track after one more observation of one of the gate's boards."""

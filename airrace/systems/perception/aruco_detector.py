@@ -25,22 +25,16 @@ _EMPTY_PERIOD = 5  # images, of full searches while no marker is found
 
 @dc.dataclass(frozen=True, eq=False)
 class DetectorState(Immutable):
-    """What the detector keeps of one image for the next.
+    """What the detector keeps of one image for the next."""
 
-    Attributes:
-        detections: the result.
-        measured: tuple of Detection, with those whose pose jumped: if they stay
-            there, the pose before was the wrong one.
-        velocities: of the centres of the markers, ID to (2,) px/s.
-        age: number of images since the last full search.
-        period: number of images from that search to the next.
-    """
-
-    detections: Detections = Detections()
+    detections: Detections = Detections()  #: the result
+    #: Tuple of Detection, with those whose pose jumped: if they stay there, the pose before was the
+    #: wrong one.
     measured: tuple = ()
+    #: Of the centres of the markers, ID to (2,) px/s.
     velocities: dict = dc.field(default_factory=dict)
-    age: float = math.inf
-    period: int = 0
+    age: float = math.inf  #: number of images since the last full search
+    period: int = 0  #: number of images from that search to the next
 
 
 class ArucoDetector(LeafSystem):

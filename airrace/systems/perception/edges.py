@@ -16,20 +16,14 @@ _NEXT, _OPPOSITE, _PREVIOUS = np.array([1, 2, 3, 0]), np.array([2, 3, 0, 1]), np
 
 
 class Edges(typing.NamedTuple):
-    """The edges of a square; edge i leads from corner i to corner i + 1.
+    """The edges of a square; edge i leads from corner i to corner i + 1."""
 
-    Attributes:
-        middle: points halfway, (4, 2) px.
-        along, outward: unit vectors, (4, 2).
-        length: (4,) px.
-        width: distance of the opposite edge, (4,) px.
-    """
-
-    middle: np.ndarray
+    middle: np.ndarray  #: points halfway, (4, 2) px
+    #: along, outward: unit vectors, (4, 2)
     along: np.ndarray
     outward: np.ndarray
-    length: np.ndarray
-    width: np.ndarray
+    length: np.ndarray  #: (4,) px
+    width: np.ndarray  #: distance of the opposite edge, (4,) px
 
 
 @compiled

@@ -24,23 +24,17 @@ _SAME = 3 - 1e-4  # trace of the rotation from one pose to another: 0.01 rad
 
 
 class Pose(typing.NamedTuple):
-    """A pose of a frame F in the camera frame, and how well it fits.
+    """A pose of a frame F in the camera frame, and how well it fits."""
 
-    Attributes:
-        R, t: R_CF, (3, 3), and p_CF (m), (3,).
-        cost: squared standard deviations between corners and projections; NaN
-            if there is no pose in front of the camera.
-        residual: corners less projections, (4 m, 2) px.
-        covariance: of rotation vector in C (rad) and position in C (m), (6, 6).
-        ambiguity: see Detection.
-    """
-
+    #: R, t: R_CF, (3, 3), and p_CF (m), (3,)
     R: np.ndarray
     t: np.ndarray
+    #: Squared standard deviations between corners and projections; NaN if there is no pose in front
+    #: of the camera.
     cost: float
-    residual: np.ndarray
-    covariance: np.ndarray
-    ambiguity: float
+    residual: np.ndarray  #: corners less projections, (4 m, 2) px
+    covariance: np.ndarray  #: of rotation vector in C (rad) and position in C (m), (6, 6)
+    ambiguity: float  #: see Detection
 
 
 class _Problem(typing.NamedTuple):

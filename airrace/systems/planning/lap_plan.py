@@ -12,40 +12,27 @@ from airrace.trajopt.min_snap.circuit import Circuit
 
 @dc.dataclass(frozen=True, eq=False)
 class PlanSummary(Immutable):
-    """What a lap plan asks of the vehicle, from inverse dynamics at 1 kHz of entry and lap.
+    """What a lap plan asks of the vehicle, from inverse dynamics at 1 kHz of entry and lap."""
 
-    Attributes:
-        solve_time: wall time of the solve (s).
-        duration: of the lap, gate 1 to gate 1 (s).
-        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
-        max_rotor_thrust: of any rotor (N).
-        max_thrusts, min_thrusts: of every rotor (N), tuples.
-        max_rate: of the body's angular velocity (rad/s).
-        clearance: from the nearest pylon's axis (m).
-        margin: between drone and boards that was asked for, at the gate that the map
-            knows least (m).
-        active_limits: names of the limits that are used to the full.
-        bound: the lap of a point mass with the same limits through the same gates, and as
-            far from the pylons (s).
-        solver: its name. iterations: of convex programs, or None.
-        warm: whether the search started from the lap before.
-    """
-
-    solve_time: float = 0.0
-    duration: float = 0.0
-    max_speed: float = 0.0
-    max_acceleration: float = 0.0
-    max_rotor_thrust: float = 0.0
+    solve_time: float = 0.0  #: wall time of the solve (s)
+    duration: float = 0.0  #: of the lap, gate 1 to gate 1 (s)
+    max_speed: float = 0.0  #: m/s
+    max_acceleration: float = 0.0  #: without gravity (m/s^2)
+    max_rotor_thrust: float = 0.0  #: of any rotor (N)
+    #: max_thrusts, min_thrusts: of every rotor (N), tuples
     max_thrusts: tuple = ()
     min_thrusts: tuple = ()
-    max_rate: float | None = None
-    clearance: float | None = None
+    max_rate: float | None = None  #: of the body's angular velocity (rad/s)
+    clearance: float | None = None  #: from the nearest pylon's axis (m)
+    #: Between drone and boards that was asked for, at the gate that the map knows least (m).
     margin: float | None = None
-    active_limits: tuple = ()
+    active_limits: tuple = ()  #: names of the limits that are used to the full
+    #: The lap of a point mass with the same limits through the same gates, and as far from the
+    #: pylons (s).
     bound: float | None = None
-    solver: str = ""
-    iterations: int | None = None
-    warm: bool = False
+    solver: str = ""  #: its name
+    iterations: int | None = None  #: of convex programs, or None
+    warm: bool = False  #: whether the search started from the lap before
 
     @property
     def gap(self) -> float | None:
@@ -55,23 +42,14 @@ class PlanSummary(Immutable):
 
 @dc.dataclass(frozen=True, eq=False)
 class LapPlan(Immutable):
-    """A trajectory that joins a lap and then repeats it until it is replaced.
+    """A trajectory that joins a lap and then repeats it until it is replaced."""
 
-    Attributes:
-        lap: number of the first lap flown on this plan, from 1.
-        start_time: when the entry starts (s).
-        entry: from the state at the hand-over onto the circuit.
-        circuit: one lap, gate 1 to gate 1.
-        phase: time on the circuit at which the entry joins it (s).
-        summary: what the plan asks of the vehicle.
-    """
-
-    lap: int
-    start_time: float
-    entry: FlatTrajectory
-    circuit: Circuit
-    phase: float
-    summary: PlanSummary
+    lap: int  #: number of the first lap flown on this plan, from 1
+    start_time: float  #: when the entry starts (s)
+    entry: FlatTrajectory  #: from the state at the hand-over onto the circuit
+    circuit: Circuit  #: one lap, gate 1 to gate 1
+    phase: float  #: time on the circuit at which the entry joins it (s)
+    summary: PlanSummary  #: what the plan asks of the vehicle
 
     def derivatives(self, time: float) -> np.ndarray:
         """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""

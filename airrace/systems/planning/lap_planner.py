@@ -31,28 +31,18 @@ _ROUNDING = 1e-12  # s
 
 @dc.dataclass(frozen=True, eq=False)
 class _Memory(Immutable):
-    """The state of the planner.
+    """The state of the planner."""
 
-    Attributes:
-        plan: in force.
-        pending: the plan that will replace it, or None.
-        job: the search for that plan in another process, or None.
-        latency: from the map to the plan in force (s); longer than declared after a
-            search in another process took too long.
-        tried_at: when the last search began (s).
-        tried_lap: the lap at whose end its plan was to come into force.
-        tried_gates: tuple of GateEstimate of the map that it was given.
-        searched: the LapProblem of the last search, or None.
-    """
-
-    plan: LapPlan = NO_PLAN
-    pending: LapPlan | None = None
-    job: Any = None
+    plan: LapPlan = NO_PLAN  #: in force
+    pending: LapPlan | None = None  #: the plan that will replace it, or None
+    job: Any = None  #: the search for that plan in another process, or None
+    #: From the map to the plan in force (s); longer than declared after a search in another process
+    #: took too long.
     latency: float = 0.0
-    tried_at: float = -np.inf
-    tried_lap: int = 0
-    tried_gates: tuple = ()
-    searched: LapProblem | None = None
+    tried_at: float = -np.inf  #: when the last search began (s)
+    tried_lap: int = 0  #: the lap at whose end its plan was to come into force
+    tried_gates: tuple = ()  #: tuple of GateEstimate of the map that it was given
+    searched: LapProblem | None = None  #: the LapProblem of the last search, or None
 
 
 class LapPlanner(LeafSystem):

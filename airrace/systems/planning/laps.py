@@ -33,33 +33,22 @@ class PlanRequest(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class LapProblem(Immutable):
-    """All that a plan depends on, so that any process can find it.
+    """All that a plan depends on, so that any process can find it."""
 
-    Attributes:
-        trajectory: "3", "4" or "6" dimensions of minimum snap, or "optimal" in time.
-        limits: of the vehicle, and those added.
-        gates: tuple of GateEstimate, in the order of flight.
-        pylons: axes to keep clear of, [x, y], (m, 2) m; first those of the gates, left
-            and right.
-        margins: between drone and boards of each, for what map and controller leave,
-            (m,) m.
-        start_time: when the plan comes into force (s).
-        start: value and four derivatives of x, y, z (m) and yaw (rad) at that time,
-            (5, 4); at rest, if there is no old plan.
-        old: the LapPlan in force until then, NO_PLAN before the first.
-        style: of minimum-snap laps.
-        always: whether a new plan is flown even if the old one is quicker and still fits.
-    """
-
-    trajectory: str
-    limits: FlightLimits
-    gates: tuple
+    trajectory: str  #: "3", "4" or "6" dimensions of minimum snap, or "optimal" in time
+    limits: FlightLimits  #: of the vehicle, and those added
+    gates: tuple  #: tuple of GateEstimate, in the order of flight
+    #: Axes to keep clear of, [x, y], (m, 2) m; first those of the gates, left and right.
     pylons: np.ndarray
+    #: Between drone and boards of each, for what map and controller leave, (m,) m.
     margins: np.ndarray
-    start_time: float
+    start_time: float  #: when the plan comes into force (s)
+    #: Value and four derivatives of x, y, z (m) and yaw (rad) at that time, (5, 4); at rest, if
+    #: there is no old plan.
     start: np.ndarray
-    old: LapPlan
-    style: LapStyle = LapStyle()
+    old: LapPlan  #: the LapPlan in force until then, NO_PLAN before the first
+    style: LapStyle = LapStyle()  #: of minimum-snap laps
+    #: Whether a new plan is flown even if the old one is quicker and still fits.
     always: bool = False
 
     @property

@@ -24,19 +24,12 @@ _FAR = 20.0  # m, from the drone to a gate that may move
 
 
 class GateMoverMemory(NamedTuple):
-    """What the mover remembers.
+    """What the mover remembers."""
 
-    Attributes:
-        passages: number of gates that the drone has passed.
-        position: p_WB at the last update (m), (3,).
-        moved: after which of its passages each gate moved last, from 1, (n,).
-        moved_at: when one moved last (s).
-    """
-
-    passages: float
-    position: np.ndarray
-    moved: np.ndarray
-    moved_at: float
+    passages: float  #: number of gates that the drone has passed
+    position: np.ndarray  #: p_WB at the last update (m), (3,)
+    moved: np.ndarray  #: after which of its passages each gate moved last, from 1, (n,)
+    moved_at: float  #: when one moved last (s)
 
 
 _PACKING = Packing(GateMoverMemory, position=3, moved=-1)

@@ -12,15 +12,10 @@ MAX_RATES = (10.0, 10.0, 2.0)
 
 
 class CommandScale(NamedTuple):
-    """What the numbers of an action stand for: command = center + half_range * action.
+    """What the numbers of an action stand for: command = center + half_range * action."""
 
-    Attributes:
-        center: the command of an action of zeros, (m,).
-        half_range: from there to the command of ones, (m,).
-    """
-
-    center: np.ndarray
-    half_range: np.ndarray
+    center: np.ndarray  #: the command of an action of zeros, (m,)
+    half_range: np.ndarray  #: from there to the command of ones, (m,)
 
 
 def make_scale(low: np.ndarray, high: np.ndarray) -> CommandScale:

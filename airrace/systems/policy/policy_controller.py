@@ -49,30 +49,18 @@ REASONS = (
 
 
 class PolicyMemory(NamedTuple):
-    """What the controller remembers: numbers only, so that a step copies no objects.
+    """What the controller remembers: numbers only, so that a step copies no objects."""
 
-    Attributes:
-        phase: WAITING, FLYING or HANDED_BACK. since: when that began (s).
-        reason: why it has handed back, an index of REASONS.
-        passed: gates that were passed.
-        unknown: observations in a row that were not known.
-        yaw: of the body at the last step in flight, or when it handed back (rad).
-        position: p_WB then (m), (3,).
-        velocity: v_WB then (m/s), (3,); after the hand-back, what is to be braked.
-        action: the last one, (4,).
-        command: what it stands for, see RateController, (4,).
-    """
-
-    phase: float
-    since: float
-    reason: float
-    passed: float
-    unknown: float
-    yaw: float
-    position: np.ndarray
-    velocity: np.ndarray
-    action: np.ndarray
-    command: np.ndarray
+    phase: float  #: WAITING, FLYING or HANDED_BACK
+    since: float  #: when that began (s)
+    reason: float  #: why it has handed back, an index of REASONS
+    passed: float  #: gates that were passed
+    unknown: float  #: observations in a row that were not known
+    yaw: float  #: of the body at the last step in flight, or when it handed back (rad)
+    position: np.ndarray  #: p_WB then (m), (3,)
+    velocity: np.ndarray  #: v_WB then (m/s), (3,); after the hand-back, what is to be braked
+    action: np.ndarray  #: the last one, (4,)
+    command: np.ndarray  #: what it stands for, see RateController, (4,)
 
 
 _PACKING = Packing(PolicyMemory, position=3, velocity=3, action=4, command=4)

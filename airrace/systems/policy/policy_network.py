@@ -18,27 +18,19 @@ _SLACK = 0.05  # of the range of the training: a hover that is quite level may b
 
 
 class PolicyNetwork(NamedTuple):
-    """A multilayer perceptron with tanh, from an observation ``gates`` to an action ``ctbr``.
+    """A multilayer perceptron with tanh, from an observation ``gates`` to an action ``ctbr``."""
 
-    Attributes:
-        weights: of each layer, a tuple of (n_out, n_in).
-        biases: of each layer, a tuple of (n_out,).
-        mean, scale: of the observation, so that the first layer sees (o - mean) / scale, (m,).
-        low, high: least and greatest observations that it was trained on, (m,).
-        gates: how many next gates it observes.
-        drone: name of the drone that it was trained on.
-        made_by: command, commit and seed that made it.
-    """
-
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
+    weights: tuple[np.ndarray, ...]  #: of each layer, a tuple of (n_out, n_in)
+    biases: tuple[np.ndarray, ...]  #: of each layer, a tuple of (n_out,)
+    #: mean, scale: of the observation, so that the first layer sees (o - mean) / scale, (m,)
     mean: np.ndarray
     scale: np.ndarray
+    #: low, high: least and greatest observations that it was trained on, (m,)
     low: np.ndarray
     high: np.ndarray
-    gates: int
-    drone: str
-    made_by: str = ""
+    gates: int  #: how many next gates it observes
+    drone: str  #: name of the drone that it was trained on
+    made_by: str = ""  #: command, commit and seed that made it
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Returns the action of an observation, (m,), each number from -1 to 1, (4,)."""

@@ -19,23 +19,16 @@ _STANDING = 3.0  # times the weight: the floor's push below this is no impact
 
 
 class Contacts(NamedTuple):
-    """Contacts so far.
+    """Contacts so far."""
 
-    Attributes:
-        gates, environment: how many samples had a contact with each.
-        kind: GATE or ENVIRONMENT, of the last one. impulse: of it (kg m/s).
-        airborne: 1 once the drone has taken off; contacts before do not count.
-        time: of the last sample (s).
-        total: impulse of all contacts until then (kg m/s), (3,).
-    """
-
+    #: gates, environment: how many samples had a contact with each
     gates: float
     environment: float
-    kind: float
-    impulse: float
-    airborne: float
-    time: float
-    total: np.ndarray
+    kind: float  #: GATE or ENVIRONMENT, of the last one
+    impulse: float  #: of it (kg m/s)
+    airborne: float  #: 1 once the drone has taken off; contacts before do not count
+    time: float  #: of the last sample (s)
+    total: np.ndarray  #: impulse of all contacts until then (kg m/s), (3,)
 
 
 _PACKING = Packing(Contacts, total=3)

@@ -36,19 +36,12 @@ _WORKS = -1  # in the place of these
 
 
 class ImuMemory(NamedTuple):
-    """What the sensor remembers from one sample to the next.
+    """What the sensor remembers from one sample to the next."""
 
-    Attributes:
-        quaternion: of R_WB at the end of the last sample, of length 1, (4,).
-        velocity: of the sensor in W then (m/s), (3,).
-        biases: of gyroscope (rad/s) and accelerometer (m/s^2), (6,).
-        late: samples that cannot be read yet, newest first, (7 n,).
-    """
-
-    quaternion: np.ndarray
-    velocity: np.ndarray
-    biases: np.ndarray
-    late: np.ndarray
+    quaternion: np.ndarray  #: of R_WB at the end of the last sample, of length 1, (4,)
+    velocity: np.ndarray  #: of the sensor in W then (m/s), (3,)
+    biases: np.ndarray  #: of gyroscope (rad/s) and accelerometer (m/s^2), (6,)
+    late: np.ndarray  #: samples that cannot be read yet, newest first, (7 n,)
 
 
 _PACKING = Packing(ImuMemory, quaternion=4, velocity=3, biases=6, late=-1)
@@ -56,25 +49,16 @@ _as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class ImuModel(NamedTuple):
-    """The sensor's constants.
+    """The sensor's constants."""
 
-    Attributes:
-        period: of the samples, T (s).
-        position: p_BI of the sensor in the body (m), (3,).
-        axes: from what is true to what is shown, of gyroscope and accelerometer, (2, 3, 3).
-        noise: standard deviations of a sample's noise, (6,): 3 (rad/s), 3 (m/s^2).
-        walk: standard deviations of the biases' change over a period, (6,), likewise.
-        ranges: the greatest values that are shown, (6,), likewise.
-        time_offset: by which the time of a sample is late (s).
-    """
-
-    period: float
-    position: np.ndarray
+    period: float  #: of the samples, T (s)
+    position: np.ndarray  #: p_BI of the sensor in the body (m), (3,)
+    #: From what is true to what is shown, of gyroscope and accelerometer, (2, 3, 3).
     axes: np.ndarray
-    noise: np.ndarray
-    walk: np.ndarray
-    ranges: np.ndarray
-    time_offset: float
+    noise: np.ndarray  #: standard deviations of a sample's noise, (6,): 3 (rad/s), 3 (m/s^2)
+    walk: np.ndarray  #: standard deviations of the biases' change over a period, (6,), likewise
+    ranges: np.ndarray  #: the greatest values that are shown, (6,), likewise
+    time_offset: float  #: by which the time of a sample is late (s)
 
 
 class Imu(LeafSystem):

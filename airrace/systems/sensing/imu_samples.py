@@ -15,16 +15,13 @@ class ImuSample(NamedTuple):
     It is of the interval from time - T to its time, if T is the period of the sensor; B is the
     body, W the world. Without errors and at the body's origin, the motion goes on by
     R+ = R exp(w T), v+ = v + R f T + g T, p+ = p + v T + (R f + g) T^2 / 2.
-
-    Attributes:
-        time: of the end of the interval (s); negative where there is no sample.
-        angular_velocity: w, the mean of w_WB in the axes of B (rad/s), (3,): over T, its
-            rotation vector is that of R_WB(time - T)^T R_WB(time), however the axis moved.
-        specific_force: f, the mean of v_WB' - g (m/s^2), (3,), in the axes that B had at time - T.
     """
 
-    time: float
+    time: float  #: of the end of the interval (s); negative where there is no sample
+    #: W, the mean of w_WB in the axes of B (rad/s), (3,): over T, its rotation vector is that of
+    #: R_WB(time - T)^T R_WB(time), however the axis moved.
     angular_velocity: np.ndarray
+    #: F, the mean of v_WB' - g (m/s^2), (3,), in the axes that B had at time - T.
     specific_force: np.ndarray
 
 
@@ -38,15 +35,11 @@ NO_SAMPLES = read_only(np.tile([-1.0, *[0.0] * (SAMPLE_SIZE - 1)], IMU_DEPTH))
 
 
 class ImuSamples(NamedTuple):
-    """Samples of an IMU, newest first; see ImuSample.
+    """Samples of an IMU, newest first; see ImuSample."""
 
-    Attributes:
-        time: (n,). angular_velocity: (n, 3). specific_force: (n, 3).
-    """
-
-    time: np.ndarray
-    angular_velocity: np.ndarray
-    specific_force: np.ndarray
+    time: np.ndarray  #: n,
+    angular_velocity: np.ndarray  #: n, 3
+    specific_force: np.ndarray  #: n, 3
 
 
 def as_samples(vector: np.ndarray) -> ImuSamples:

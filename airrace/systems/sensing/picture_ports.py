@@ -13,16 +13,11 @@ GREY, COLOUR = "grey", "colour"
 
 
 class PicturePort(NamedTuple):
-    """A port of pictures.
+    """A port of pictures."""
 
-    Attributes:
-        picture: the kind that it shows.
-        pixels_of: from its value to pixels. value_of: from pixels to its value.
-    """
-
-    picture: str
-    pixels_of: Callable[[Any], np.ndarray]
-    value_of: Callable[[np.ndarray], Any]
+    picture: str  #: the kind that it shows
+    pixels_of: Callable[[Any], np.ndarray]  #: from its value to pixels
+    value_of: Callable[[np.ndarray], Any]  #: from pixels to its value
 
 
 def _image_of(kind: type) -> Callable[[np.ndarray], Any]:

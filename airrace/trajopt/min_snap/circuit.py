@@ -38,15 +38,11 @@ _LEG_SAMPLES = 200  # which bracket where a leg passes its gate
 
 @dc.dataclass(frozen=True)
 class LapStyle:
-    """What sets laps apart from the quickest ones that never stop.
+    """What sets laps apart from the quickest ones that never stop."""
 
-    Attributes:
-        rests: whether every lap starts and ends at rest, REST_BEYOND gate 1's midpoint.
-        soft: whether durations weigh snap against time, with soft limits, as those of the
-            original system: see allocate_times_softly(). Else they are the shortest.
-    """
-
-    rests: bool = False
+    rests: bool = False  #: whether every lap starts and ends at rest, REST_BEYOND gate 1's midpoint
+    #: Whether durations weigh snap against time, with soft limits, as those of the original system:
+    #: see allocate_times_softly(). Else they are the shortest.
     soft: bool = False
 
 

@@ -28,17 +28,11 @@ _NOT_UNIQUE = (
 
 
 class DerivativeConstraint(NamedTuple):
-    """Fixes a derivative of the trajectory at a waypoint.
+    """Fixes a derivative of the trajectory at a waypoint."""
 
-    Attributes:
-        waypoint: index of the waypoint; -1 is the last of an open trajectory.
-        order: 1 = velocity, 2 = acceleration, ...
-        value: (d,), in the waypoints' units / s^order; a NaN leaves its dimension free.
-    """
-
-    waypoint: int
-    order: int
-    value: np.ndarray
+    waypoint: int  #: index of the waypoint; -1 is the last of an open trajectory
+    order: int  #: 1 = velocity, 2 = acceleration, ..
+    value: np.ndarray  #: (d,), in the waypoints' units / s^order; a NaN leaves its dimension free
 
 
 def solve_min_snap(

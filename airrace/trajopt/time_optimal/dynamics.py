@@ -61,17 +61,11 @@ def angle_dynamics(
 
 
 class Linear(NamedTuple):
-    """Quantities of samples in normalised time, and their gradients.
+    """Quantities of samples in normalised time, and their gradients."""
 
-    Attributes:
-        values: (rows, N).
-        gradients: by derivatives with respect to normalised time, (rows, N, 5, 4).
-        by_T: by the duration of the sample's leg, (rows, N).
-    """
-
-    values: np.ndarray
-    gradients: np.ndarray
-    by_T: np.ndarray
+    values: np.ndarray  #: rows, N
+    gradients: np.ndarray  #: by derivatives with respect to normalised time, (rows, N, 5, 4)
+    by_T: np.ndarray  #: by the duration of the sample's leg, (rows, N)
 
     def of(self, samples: slice) -> "Linear":
         """Returns those of some samples."""
@@ -79,18 +73,13 @@ class Linear(NamedTuple):
 
 
 class LinearDynamics(NamedTuple):
-    """Inverse dynamics of samples, with T the duration of the leg of a sample.
+    """Inverse dynamics of samples, with T the duration of the leg of a sample."""
 
-    Attributes:
-        force: T^2 times the specific force that the thrust makes, 3 rows.
-        rest: T^2 times the thrust of every rotor without its share of the thrust
-            that balances this force, a row each.
-        rate: T times the amount of the angular velocity, 1 row.
-    """
-
-    force: Linear
+    force: Linear  #: T^2 times the specific force that the thrust makes, 3 rows
+    #: T^2 times the thrust of every rotor without its share of the thrust that balances this force,
+    #: a row each.
     rest: Linear
-    rate: Linear
+    rate: Linear  #: T times the amount of the angular velocity, 1 row
 
     @classmethod
     def linearize(cls, samples: "LapSamples") -> "LinearDynamics":

@@ -21,15 +21,10 @@ _MOST = 50.0  # how many times slower a lap may have to be than the guess
 
 @dc.dataclass(frozen=True)
 class Grid:
-    """Where legs are sampled.
+    """Where legs are sampled."""
 
-    Attributes:
-        pieces: of the splines.
-        samples: evenly spaced, of each leg; the first is at its gate.
-    """
-
-    pieces: int
-    samples: int
+    pieces: int  #: of the splines
+    samples: int  #: evenly spaced, of each leg; the first is at its gate
 
     @functools.cached_property
     def fractions(self) -> np.ndarray:
@@ -49,21 +44,13 @@ class Grid:
 
 @dc.dataclass(frozen=True, eq=False)
 class LapSamples:
-    """A lap's derivatives in normalised time, the last dimension being the thrust-axis angle.
+    """A lap's derivatives in normalised time, the last dimension being the thrust-axis angle."""
 
-    Attributes:
-        lap: whose angle closes: a lap turns the body as often as the track does.
-        limits: that it is to keep.
-        derivatives: (5, n, samples, 4).
-        units: duration of every sample's leg, (n samples,) s.
-        axes: x and y, in the world, of a body that does not turn about its thrust,
-            (2, 3, n samples).
-    """
-
-    lap: LapSpline
-    limits: FlightLimits
-    derivatives: np.ndarray
-    units: np.ndarray
+    lap: LapSpline  #: whose angle closes: a lap turns the body as often as the track does
+    limits: FlightLimits  #: that it is to keep
+    derivatives: np.ndarray  #: 5, n, samples, 4
+    units: np.ndarray  #: duration of every sample's leg, (n samples,) s
+    #: X and y, in the world, of a body that does not turn about its thrust, (2, 3, n samples).
     axes: tuple
 
     @classmethod

@@ -57,17 +57,12 @@ _TOO_NEAR = 0.05  # m, that no lap may lack
 
 @dc.dataclass(frozen=True)
 class Effort:
-    """When an optimisation ends.
+    """When an optimisation ends."""
 
-    Attributes:
-        iterations: at most, of convex programs.
-        tolerance: predicted gain of an iteration, as a share of the lap time, at which to stop.
-        samples: of each leg.
-    """
-
-    iterations: int = 15
+    iterations: int = 15  #: at most, of convex programs
+    #: Predicted gain of an iteration, as a share of the lap time, at which to stop.
     tolerance: float = 5e-4
-    samples: int = 24
+    samples: int = 24  #: of each leg
 
 
 # For planning in flight, from a lap through gates that moved a little.

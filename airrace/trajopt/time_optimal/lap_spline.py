@@ -20,19 +20,14 @@ class LapSpline:
     It is continuous through the snap everywhere, and so is the lap, because both
     splines at a gate have the same five derivatives there. An open one starts and
     ends at two more places, which count as gates.
-
-    Attributes:
-        gates: value and four derivatives of x, y, z (m) and thrust-axis angle (rad; see
-            thrust_axis_angle.py) at every gate, (n, 5, 4); of an open one (n + 1, 5, 4).
-        interior: control points that are left between those, (n, m, 4).
-        durations: from each gate to the next, (n,) s.
-        turn: what all legs together add to that angle (rad).
     """
 
+    #: Value and four derivatives of x, y, z (m) and thrust-axis angle (rad; see
+    #: thrust_axis_angle.py) at every gate, (n, 5, 4); of an open one (n + 1, 5, 4).
     gates: np.ndarray
-    interior: np.ndarray
-    durations: np.ndarray
-    turn: float
+    interior: np.ndarray  #: control points that are left between those, (n, m, 4)
+    durations: np.ndarray  #: from each gate to the next, (n,) s
+    turn: float  #: what all legs together add to that angle (rad)
 
     @classmethod
     def through(

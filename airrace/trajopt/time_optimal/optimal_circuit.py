@@ -17,20 +17,14 @@ from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
 
 
 class LapSummary(NamedTuple):
-    """How a lap was found and what it asks of the vehicle.
+    """How a lap was found and what it asks of the vehicle."""
 
-    Attributes:
-        bound: lap time of a point mass with the same limits through the same gates, and as far
-            from the pylons (s).
-        check: of the lap as planned.
-        iterations: of convex programs.
-        warm: whether it started from another lap.
-    """
-
+    #: Lap time of a point mass with the same limits through the same gates, and as far from the
+    #: pylons (s).
     bound: float
-    check: FlightCheck
-    iterations: int
-    warm: bool
+    check: FlightCheck  #: of the lap as planned
+    iterations: int  #: of convex programs
+    warm: bool  #: whether it started from another lap
 
 
 class OptimalCircuit(Circuit):

@@ -21,20 +21,13 @@ _BAND, _DEPTH = 3.0, 0.05  # m, of rows beyond the clearance, and the nearest po
 
 @dc.dataclass(frozen=True, eq=False)
 class PointMassBound:
-    """The quickest lap of a point mass.
+    """The quickest lap of a point mass."""
 
-    Attributes:
-        duration: (s).
-        durations: from each gate to the next, (n,) s.
-        velocities: evenly in time over each leg, both ends included, (n,
-            intervals + 1, 3) m/s.
-        positions: at the gates, (n, 3) m.
-    """
-
-    duration: float
-    durations: np.ndarray
+    duration: float  #: s
+    durations: np.ndarray  #: from each gate to the next, (n,) s
+    #: Evenly in time over each leg, both ends included, (n, intervals + 1, 3) m/s.
     velocities: np.ndarray
-    positions: np.ndarray
+    positions: np.ndarray  #: at the gates, (n, 3) m
 
 
 def point_mass_bound(

@@ -1,12 +1,11 @@
 """Geometric tracking control on SE(3)."""
 
 import functools
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from airrace.common.jit import all_finite, compiled
-from airrace.scenario import Scenario
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -22,6 +21,9 @@ from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
+    from airrace.scenario import Scenario
 
 _NONE = np.zeros(3)  # no disturbance
 _FED_FORWARD = np.r_[
@@ -116,7 +118,7 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Self:
+    def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the controller of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 

@@ -1,7 +1,7 @@
 """A Kalman filter of the state, for the controller, that also estimates disturbances."""
 
 import math
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
@@ -11,12 +11,14 @@ from airrace.common.packing import Packing
 from airrace.math.quaternion import integrate
 from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
-from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
+    from airrace.scenario import Scenario
 
 # What the filter is tuned for; the first two are the original system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -91,7 +93,7 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Self:
+    def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the filter of a scenario."""
         return cls(
             vehicle=load_vehicle(scenario.drone)[0],
@@ -149,7 +151,7 @@ class UnfilteredState(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self.DeclareDiscreteState(3))
 
 
-def make_state_filter(scenario: Scenario) -> StateFilter | UnfilteredState:
+def make_state_filter(scenario: "Scenario") -> StateFilter | UnfilteredState:
     """Returns the filter of a scenario, or what takes its place."""
     return (
         StateFilter.from_scenario(scenario) if scenario.state_filter.enabled else UnfilteredState()

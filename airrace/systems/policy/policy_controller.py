@@ -3,7 +3,7 @@
 import functools
 import math
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from pydrake.common.value import Value
@@ -14,7 +14,6 @@ from airrace.common.jit import all_finite
 from airrace.common.packing import Packing
 from airrace.common.resources import models_path
 from airrace.math.quaternion import heading
-from airrace.scenario import LEARNED, Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.policy.command_scale import ctbr_scale, scaled
 from airrace.systems.policy.gates_observation import map_openings, write_gates_observation
@@ -26,6 +25,9 @@ from airrace.trajopt.reference import REFERENCE_SIZE, Reference, reference_vecto
 from airrace.trajopt.stop import Stop
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
+
+if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
+    from airrace.scenario import Scenario
 
 PERIOD = 0.02  # s, between two actions, as in the environment
 _PATIENCE = 5  # observations in a row that are not known, before it hands back
@@ -144,12 +146,14 @@ class PolicyController(LeafSystem):
         find(np.ones(OPENING_SIZE), np.zeros(3), np.ones(3))
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Self:
+    def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the controller of a scenario.
 
         Raises:
             UserError: if there is no such network, or it is not for the drone.
         """
+        from airrace.scenario import LEARNED
+
         vehicle, _ = load_vehicle(scenario.drone)
         path = Path(scenario.policy)
         if scenario.policy == LEARNED:

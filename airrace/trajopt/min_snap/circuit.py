@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from airrace.trajopt.feasibility import (
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, turn_per_lap
-from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem
 from airrace.trajopt.min_snap.soft_allocation import allocate_times_softly
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
@@ -175,15 +175,30 @@ def plan_circuit(
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
 
 
-def _solve(
-    gates: np.ndarray,
-    approach: dict,
+def circuit_problem(
+    midpoints: ArrayLike,
+    headings: ArrayLike,
     dimensions: int,
-    limits: FlightLimits,
-    style: LapStyle,
-    durations: np.ndarray | None = None,
-) -> Circuit:
-    """Returns the lap with some waypoints in front of gates, searched for from some durations."""
+    *,
+    approach: Mapping[int, float] | None = None,
+    style: LapStyle = LapStyle(),
+) -> MinSnapProblem:
+    """Returns the minimum-snap problem of a lap, of which plan_circuit() solves the program.
+
+    Args:
+        midpoints, headings, dimensions, style: see plan_circuit().
+        approach: gate index to distance (m) of a waypoint in front of it.
+    """
+    regions = GateRegions.balls(midpoints, headings, 0.0)
+    gates = np.column_stack([regions.midpoints, regions.headings])
+    waypoints, options, _ = _waypoints(gates, approach or {}, dimensions, style)
+    return MinSnapProblem(waypoints, **options)
+
+
+def _waypoints(
+    gates: np.ndarray, approach: Mapping[int, float], dimensions: int, style: LapStyle
+) -> tuple[np.ndarray, dict, list[int]]:
+    """Returns waypoints and options of the MinSnapProblem of a lap, and which are its gates."""
     waypoints, indices = [], []
     legs = np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
     for i, (gate, leg) in enumerate(zip(gates, legs)):
@@ -204,14 +219,29 @@ def _solve(
     constraints = [DerivativeConstraint(i, 2, LEVEL) for i in level]
     if style.rests:
         constraints += [DerivativeConstraint(0, order, np.zeros(4)) for order in range(1, 5)]
-    problem = dict(constraints=constraints, periodic=True, period_offset=turn)
+    options = dict(constraints=constraints, periodic=True, period_offset=turn)
+    return waypoints, options, indices
+
+
+def _solve(
+    gates: np.ndarray,
+    approach: dict,
+    dimensions: int,
+    limits: FlightLimits,
+    style: LapStyle,
+    durations: np.ndarray | None = None,
+) -> Circuit:
+    """Returns the lap with some waypoints in front of gates, searched for from some durations."""
+    waypoints, options, indices = _waypoints(gates, approach, dimensions, style)
+    problem = MinSnapProblem(waypoints, **options)
+    problem.require_unique()
     if style.soft:
         durations = allocate_times_softly(
             waypoints,
             max_speed=limits.max_speed,
             max_acceleration=limits.max_acceleration,
             share=None if dimensions == 3 else _MARGIN,
-            **problem,
+            **options,
         )
     else:
         durations = allocate_times(
@@ -219,19 +249,18 @@ def _solve(
             initial_durations=durations,
             max_speed=_MARGIN * limits.max_speed,
             max_acceleration=_MARGIN * limits.max_acceleration,
-            **problem,
+            **options,
         )
-    limits = _kept(limits, dimensions, style)
 
-    def lap(factor):
-        path = solve_min_snap(waypoints, factor * durations, **problem)
+    def lap(path):
         breaks = np.array(path.get_segment_times())
         times = np.append(breaks[indices], breaks[-1])
         if style.rests:
             times[[0, -1]] -= _since_gate(path, times[-2], gates[0])
         return Circuit(path, times, gates[:, 3], approach)
 
-    return _slowed(lap, limits)
+    factor = _least_factor(problem, durations, lap, _kept(limits, dimensions, style))
+    return lap(problem.program(factor * durations).solve())
 
 
 def _kept(limits: FlightLimits, dimensions: int, style: LapStyle) -> FlightLimits:
@@ -264,12 +293,18 @@ def _since_gate(path: PiecewisePolynomial, start: float, gate: np.ndarray) -> fl
     return end - brentq(ahead, times[behind[-1]], times[behind[-1] + 1])
 
 
-def _slowed(lap: Callable[[float], Circuit], limits: FlightLimits) -> Circuit:
-    """Returns lap(factor) with the least factor, 1 or more, that the rotors can fly."""
+def _least_factor(
+    problem: MinSnapProblem,
+    durations: np.ndarray,
+    lap: Callable[[PiecewisePolynomial], Circuit],
+    limits: FlightLimits,
+) -> float:
+    """Returns the least factor of the durations, 1 or more, with which the rotors can fly a lap."""
     limits = dc.replace(limits, thrust_share=_MARGIN * limits.thrust_share)
 
     def excess(factor):
-        circuit = lap(factor)
+        T = factor * durations
+        circuit = lap(problem.trajectory(T, problem.solve_closed_form(T)))
         return check_flight(circuit.sample(sample_times(circuit)), (), limits).excess
 
     low = high = 1.0
@@ -280,7 +315,7 @@ def _slowed(lap: Callable[[float], Circuit], limits: FlightLimits) -> Circuit:
     while high - low > 1e-4 * high:
         middle = (low + high) / 2
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return lap(high)
+    return high
 
 
 def _faults(circuit: Circuit, constraints: FlightConstraints, style: LapStyle) -> set:

@@ -21,7 +21,7 @@ def slowdown_factor(problem: MinSnapProblem, durations: np.ndarray, limits: np.n
     raises are those of durations_within_limits().
     """
     durations = problem.check_durations(durations)
-    coefficients = problem.coefficients(durations, problem.solve(durations))
+    coefficients = problem.coefficients(durations, problem.solve_closed_form(durations))
     speed, acceleration = peak_norms(coefficients, durations)
     return float(max(speed / limits[0], (acceleration / limits[1]) ** 0.5))
 
@@ -107,7 +107,7 @@ class LimitSamples:
         """
         problem, T = self._problem, durations[:, None, None]
         try:
-            x = problem.solve(durations)
+            x = problem.solve_closed_form(durations)
             x_by_T = problem.jacobian(durations, x)
         except TrajectoryOptimizationError:
             count = self._maps[..., 0].size * len(T)

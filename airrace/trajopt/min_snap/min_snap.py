@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.solvers import SolverInterface
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.math.small_matrices import cholesky, solve_cholesky
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import piecewise_polynomial
 from airrace.trajopt.hermite import unit_segment
+from airrace.trajopt.min_snap.program import MinSnapProgram
 
 MAX_DEGREE = 19  # beyond, monomials lose too many digits
 # What overflows ends in an error that says what to do.
@@ -36,16 +38,21 @@ class DerivativeConstraint(NamedTuple):
 
 
 def solve_min_snap(
-    waypoints: ArrayLike, durations: ArrayLike, **options: Any
+    waypoints: ArrayLike,
+    durations: ArrayLike,
+    *,
+    solver: SolverInterface | None = None,
+    **options: Any,
 ) -> PiecewisePolynomial:
     """Returns the smoothest piecewise polynomial through the waypoints.
 
     It minimises the integral of the squared norm of a derivative, snap by default, for given
-    segment durations.
+    segment durations: it builds MinSnapProblem.program() and solves it.
 
     Args:
         waypoints, options: see MinSnapProblem.
         durations: of the segments (s): one fewer than waypoints, or as many if periodic.
+        solver: see MinSnapProgram.solve().
 
     Returns: a PiecewisePolynomial with d rows from time 0 to sum(durations).
 
@@ -54,9 +61,8 @@ def solve_min_snap(
         TrajectoryOptimizationError: if the minimum is not unique.
     """
     problem = MinSnapProblem(waypoints, **options)
-    durations = problem.check_durations(durations)
-    problem.require_unique(durations)
-    return problem.trajectory(durations, problem.solve(durations))
+    problem.require_unique()
+    return problem.program(durations).solve(solver)
 
 
 class MinSnapProblem:
@@ -165,6 +171,14 @@ class MinSnapProblem:
         _require(valid, "Durations must be positive and finite.")
         return durations
 
+    def program(self, durations: ArrayLike) -> MinSnapProgram:
+        """Returns the program for given durations, to be added to and solved; see there.
+
+        Raises:
+            ValueError: if the durations are malformed.
+        """
+        return MinSnapProgram(self, self.check_durations(durations))
+
     def assemble(self, durations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the cost for given durations.
 
@@ -201,8 +215,10 @@ class MinSnapProblem:
         ]
 
     @_QUIET
-    def solve(self, durations: np.ndarray) -> np.ndarray:
+    def solve_closed_form(self, durations: np.ndarray) -> np.ndarray:
         """Returns the derivatives at the waypoints that minimise the cost, (N, d).
+
+        It is the fast path of program(), for searches that solve a thousand times.
 
         Raises:
             TrajectoryOptimizationError: if the equations cannot be solved.
@@ -212,7 +228,7 @@ class MinSnapProblem:
 
     @_QUIET
     def jacobian(self, durations: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Returns how the derivatives x of solve() change with the durations, (N, d, segments).
+        """Returns how the x of solve_closed_form() changes with the durations, (N, d, segments).
 
         H x + g = 0, hence dx = -H^-1 (dH x + dg).
         """

@@ -81,7 +81,7 @@ def allocate_times_softly(
 def _cost(problem: MinSnapProblem, durations: np.ndarray, limits: np.ndarray) -> float:
     """Returns the cost of durations (s), see allocate_times_softly()."""
     try:
-        derivatives = problem.solve(durations)
+        derivatives = problem.solve_closed_form(durations)
     except TrajectoryOptimizationError:
         return 3.0 * _MOST_COST  # too unlike each other
     segments, _, _ = problem.assemble(durations)

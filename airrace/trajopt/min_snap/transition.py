@@ -10,7 +10,7 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import LEVEL, REST_BEYOND, Circuit
 from airrace.trajopt.min_snap.leg import end_constraints, trapezoid_durations
-from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
 _APPROACHES = (None, 5.0, 10.0, 20.0)  # m before gate 1, tried in turn
@@ -54,15 +54,28 @@ def plan_transition_from_hover(
     raise TrajectoryOptimizationError("No transition onto the lap is within the limits.")
 
 
-def _through_gates(
+def transition_problem(
     start: np.ndarray,
     circuit: Circuit,
     dimensions: int,
-    limits: FlightLimits,
     phase: float,
-    approach: float | None,
-) -> tuple[FlatTrajectory, np.ndarray]:
-    """Returns a transition that joins at a phase (s), and when it passes gates before, (n,) s."""
+    approach: float | None = None,
+) -> MinSnapProblem:
+    """Returns the minimum-snap problem of a transition from hover, whose program is solved.
+
+    Args:
+        start, circuit, dimensions: see plan_transition_from_hover().
+        phase: one of the circuit's gate_times, at which it is joined (s).
+        approach: of a waypoint in front of gate 1 (m); None for no such waypoint.
+    """
+    knots, constraints, _ = _waypoints(start, circuit, dimensions, phase, approach)
+    return MinSnapProblem(knots, constraints=constraints)
+
+
+def _waypoints(
+    start: np.ndarray, circuit: Circuit, dimensions: int, phase: float, approach: float | None
+) -> tuple[np.ndarray, list[DerivativeConstraint], list[int]]:
+    """Returns waypoints and constraints of a transition, and which waypoints are gates."""
     goal, yaw = circuit.derivatives(phase), circuit.headings[0]
     forward = np.array([np.cos(yaw), np.sin(yaw), 0.0, 0.0])
     knots, indices = [start[0]], []
@@ -85,6 +98,19 @@ def _through_gates(
     # Where it brakes to rest, it is level a little later.
     if dimensions == 6 and not circuit.rests:
         constraints += [DerivativeConstraint(i, 2, LEVEL) for i in indices]
+    return knots, constraints, indices
+
+
+def _through_gates(
+    start: np.ndarray,
+    circuit: Circuit,
+    dimensions: int,
+    limits: FlightLimits,
+    phase: float,
+    approach: float | None,
+) -> tuple[FlatTrajectory, np.ndarray]:
+    """Returns a transition that joins at a phase (s), and when it passes gates before, (n,) s."""
+    knots, constraints, indices = _waypoints(start, circuit, dimensions, phase, approach)
     guess = trapezoid_durations(
         knots[:, :3], 0.0, 0.75 * limits.max_speed, 0.5 * limits.max_acceleration
     )

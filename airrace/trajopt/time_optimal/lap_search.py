@@ -110,7 +110,7 @@ class LapSearch:
         weight, band = (_WARM_WEIGHT, _BAND) if warm else (_FIRST_WEIGHT, _FIRST_BAND)
         merit, least, iteration = self.merit(now), 0.0, 0
         for iteration in range(1, effort.iterations + 1):
-            step = self._step(now, weight, band)
+            step = self.program(now, weight, band)
             new = step.solve()
             if new is None:
                 weight *= 10.0
@@ -137,7 +137,14 @@ class LapSearch:
                 break
         return now, iteration
 
-    def _step(self, now: LapSamples, weight: float, band: float) -> LapStep:
+    def program(self, now: LapSamples, weight: float, band: float = _BAND) -> LapStep:
+        """Returns the convex program of one iteration, to be added to and solved: see LapStep.
+
+        Args:
+            now: the lap to start from.
+            weight: of the proximal cost.
+            band: of limits that are looked at, see limit_dynamics().
+        """
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
             step.excess = step.slack(_EXCESS_COST * now.lap.duration)

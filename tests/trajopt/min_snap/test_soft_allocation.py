@@ -37,7 +37,7 @@ def test_the_guess_grows_as_limits_fall(chord, speed, acceleration):
 def test_the_cost_of_a_flight_from_rest_to_rest():
     """In closed form: with all derivatives zero at both ends, the polynomial is known."""
     problem, T = MinSnapProblem([[0, 0, 0], [3, 4, 12]], constraints=REST), 12.0
-    path = problem.trajectory(np.array([T]), problem.solve(np.array([T])))
+    path = problem.trajectory(np.array([T]), problem.solve_closed_form(np.array([T])))
     speed, acceleration = peak_speed_and_acceleration(path)
     times = np.linspace(0.0, T, 20001)
     snap = np.square(path.derivative(4).vector_values(times)).sum(axis=0)
@@ -47,7 +47,7 @@ def test_the_cost_of_a_flight_from_rest_to_rest():
     # However far a limit is exceeded, what it costs is bounded.
     worst = _cost(problem, np.array([0.1]), np.array([3.0, 2.0]))
     snap = problem.assemble(np.array([0.1]))[0]
-    ends = problem.ends(problem.solve(np.array([0.1])))
+    ends = problem.ends(problem.solve_closed_form(np.array([0.1])))
     assert worst == pytest.approx(np.sum(ends * (snap @ ends)) + 5.0 + 2e12, rel=1e-9)
     assert np.isfinite(_cost(problem, np.array([1e-3]), np.array([3.0, 2.0])))
 

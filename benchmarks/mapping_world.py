@@ -98,7 +98,7 @@ class World:
             state = flights[phase].state(time)
             X_WB = extrapolate(state, 0.0)
             motion = as_state(state).angular_velocity, as_state(state).velocity
-            imaging.take(renderer.render, X_WB, *motion, k, image)
+            imaging.picture(renderer.expose, X_WB, *motion, k).draw(image)
             markers = detector.detect(image)
             clock = time + phase * flights[0].duration
             frames.append(Frame(phase, flights[phase], time, clock, markers))

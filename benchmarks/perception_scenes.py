@@ -1,6 +1,7 @@
 """Views of marker boards at known poses, for the benchmark of the perception."""
 
 import dataclasses as dc
+import functools
 import itertools
 
 import cv2
@@ -11,6 +12,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
+from airrace.rendering.imaging.motion_blur import MeanPicture
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
@@ -112,7 +114,9 @@ def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
             np.zeros((2, 3)) if rng is None else (rng.normal(0, 0.5, 3), rng.normal(0, 6.0, 3))
         )
         picture = np.zeros((INFO.height, INFO.width), np.uint8)
-        chain.take(render, X_WC @ INFO.X_BC.inverse(), w_WB, v_WB, next(frames), picture)
+        expose = functools.partial(MeanPicture, render)
+        X_WB = X_WC @ INFO.X_BC.inverse()
+        chain.picture(expose, X_WB, w_WB, v_WB, next(frames)).draw(picture)
         return picture
 
     return shoot

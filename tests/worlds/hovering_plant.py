@@ -32,6 +32,6 @@ def add_hovering_plant(builder: DiagramBuilder, drone: str):
     rotors, forces = AddMultirotor(builder, body, scene_graph, vehicle, rate=RATE)
     ApplyForces(builder, plant, [forces])
     estimate = builder.AddSystem(TrueEstimate())
-    builder.Connect(plant.get_state_output_port(), estimate.GetInputPort("state"))
+    builder.Connect(plant.get_state_output_port(), estimate.get_input_port())
     builder.ExportOutput(plant.get_state_output_port(), "state")
     return vehicle, rotors, estimate

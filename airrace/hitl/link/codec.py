@@ -57,7 +57,7 @@ def field_codec(
     """
     parts = parts or {}
     kinds = {
-        name: (None if isinstance(kind, types.UnionType) else kind)
+        name: None if isinstance(kind, types.UnionType) else typing.get_origin(kind) or kind
         for name, kind in typing.get_type_hints(value_type).items()
     }
     pairs = {

@@ -123,7 +123,7 @@ def test_generated_tracks_are_measured(run_apart):
     assert numbers[3:6] == [f"{f(laps):.0f}" for f in (np.min, np.median, np.max)]
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_races_are_put_side_by_side(run):
     options = ("--runs", 1, "--tracks", 1, "--scenario_text", SHORT)
     table, figures, text = run("races", *options, code=1)  # out of time, on the pad

@@ -255,7 +255,7 @@ def test_train_policy(folder):
 def test_a_client_of_the_grand_prix(folder):
     """It flies through a short course, step by step, and touches nothing."""
     course = folder / "course.yaml"
-    course.write_text(to_yaml(generate_square_track(0, 3), "three gates"), encoding="utf-8")
+    course.write_text(to_yaml(generate_square_track(0, 2), "two gates"), encoding="utf-8")
     with UdpClient() as client:
         port, pictures = client.ports  # free ones, once it is closed
     simulator = start(
@@ -267,8 +267,8 @@ def test_a_client_of_the_grand_prix(folder):
         script("grand_prix_client"), "--mavlink", port, "--pictures", pictures, folder=folder
     )
     try:
-        assert "3 of 3 gates" in output_of(simulator)
-        assert "Finished: gate 3 at " in output_of(client)
+        assert "2 of 2 gates" in output_of(simulator)
+        assert "Finished: gate 2 at " in output_of(client)
     finally:
         client.kill()
     race = json.loads((folder / "out" / "race.json").read_text(encoding="utf-8"))

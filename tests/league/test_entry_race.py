@@ -225,8 +225,8 @@ LOOP = "def make(scenario):\n    while True:\n        pass\n"
 
 def test_an_endless_loop_before_the_race(tmp_path):
     text = "team: A\nsystems: {explorer: 'mine:make'}\n"
-    row = flown(make_entry(tmp_path / "loop", text, mine=LOOP), start_wall=10.0)
-    assert row["result"]["dnf_reason"] == "the entry was not ready to race within 10 s"
+    row = flown(make_entry(tmp_path / "loop", text, mine=LOOP), start_wall=3.0)
+    assert row["result"]["dnf_reason"] == "the entry was not ready to race within 3 s"
 
 
 BUSY = """

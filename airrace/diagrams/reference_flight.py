@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantValueSource
 from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.autonomy import make_systems
-from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.diagrams.wiring import connect_by_name, export_outputs, outputs_of
 from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
@@ -136,6 +136,7 @@ def fly_reference(
     """
     flight = MakeFlight(scenario, reference)
     simulator = Simulator(flight)
+    set_bodies = MakeMonitor(flight)
     context = simulator.get_mutable_context()
     start_in_flight(flight, scenario, context, **start)
     simulator.Initialize()
@@ -143,6 +144,7 @@ def fly_reference(
     states, rotor_speeds = [], []
     for k in range(1, round(seconds / _STEP) + 1):
         simulator.AdvanceTo(k * _STEP)
+        set_bodies(context)
         states.append(state.Eval(context).copy())
         rotor_speeds.append(rotors.Eval(context).copy())
         if referee.Eval(context).over:

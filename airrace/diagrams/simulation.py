@@ -1,6 +1,5 @@
 """The Simulation diagram: where the truth lives."""
 
-import functools
 from collections.abc import Callable, Sequence
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
@@ -92,30 +91,25 @@ def MakeMonitor(diagram: Diagram) -> Callable[[Context], None]:
     Where gates move, or mass and inertia are drawn and the Context has another seed than the
     scenario, these are parameters of the plant, and no system of Drake may write those of another.
     With ``simulator.set_monitor(MakeMonitor(diagram))`` they are written after each step. Without
-    it, the simulation ends with an error that says so, as soon as it would be wrong.
+    it, the simulation ends with an error that says so, as soon as it would be wrong. A loop of your
+    own may call it as well, with the Context of the diagram: ten times a second is enough, since a
+    gate only moves when the drone is far from it.
 
     Args:
         diagram: the Simulation, or one in which it is, under the name ``simulation``.
     """
     if diagram.HasSubsystemNamed("simulation"):
         diagram = diagram.GetSubsystemByName("simulation")
-    return functools.partial(set_bodies, diagram)
+    plant = diagram.GetSubsystemByName("plant")
+    names = filter(diagram.HasSubsystemNamed, (GATE_MOVER, DRAWN_BODY))
+    systems = [diagram.GetSubsystemByName(name) for name in names]
 
-
-def set_bodies(simulation: Diagram, context: Context) -> None:
-    """Gives the bodies of a plant what is drawn while it is simulated: see MakeMonitor().
-
-    To call it ten times a second is enough: a gate only moves when the drone is far from it.
-
-    Args:
-        simulation: from MakeSimulation(); if nothing is drawn, nothing happens.
-        context: of the diagram that is simulated.
-    """
-    for name in (GATE_MOVER, DRAWN_BODY):
-        if simulation.HasSubsystemNamed(name):
-            system, plant = map(simulation.GetSubsystemByName, (name, "plant"))
+    def set_bodies(context):
+        for system in systems:
             system.set_bodies(
                 system.GetMyMutableContextFromRoot(context),
                 plant,
                 plant.GetMyMutableContextFromRoot(context),
             )
+
+    return set_bodies

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from airrace.common.errors import UserError
 from airrace.diagrams.reference_flight import start_in_flight
-from airrace.diagrams.simulation import set_bodies
+from airrace.diagrams.simulation import MakeMonitor
 from airrace.envs import reward
 from airrace.envs.action import action_scale, check_action
 from airrace.envs.env_diagram import MakeEnvDiagram
@@ -134,7 +134,7 @@ class RaceEnv(gymnasium.Env):
         self._steps += 1
         self._simulator.AdvanceTo(self._steps * self._options.step)
         if self._steps % _GATES_PERIOD == 0:
-            set_bodies(self._diagram.GetSubsystemByName("simulation"), self._context)
+            self._set_bodies(self._context)
         after = self._state()
         judged, passed_before = self._judge(before, after, pushes), self._passed
         value = self._value(judged, before, after, action)
@@ -204,6 +204,7 @@ class RaceEnv(gymnasium.Env):
                 simulator.set_target_realtime_rate(1.0)
             self._built = key, diagram, simulator
         _, self._diagram, self._simulator = self._built
+        self._set_bodies = MakeMonitor(self._diagram)
         # A context of its own: nothing of the episode before is left.
         self._simulator.reset_context(self._diagram.CreateDefaultContext())
         self._context: Context = self._simulator.get_mutable_context()

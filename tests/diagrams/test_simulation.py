@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from scipy.spatial.transform import Rotation
 
 from airrace.common.errors import UserError
-from airrace.diagrams.simulation import MakeSimulation, set_bodies
+from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import RotorsConfig, Scenario
 from airrace.scenario.camera_config import RENDERERS, CameraConfig
@@ -335,7 +335,7 @@ class TestMovingGates:
         mover = flight.simulation.GetSubsystemByName("gate_mover")
         root = flight.simulator.get_mutable_context()
         mover.GetMyMutableContextFromRoot(root).SetDiscreteState(1, [*shift, *np.zeros(18)])
-        set_bodies(flight.simulation, root)
+        MakeMonitor(flight.simulation)(root)
 
     @staticmethod
     def camera_image(flight):
@@ -428,7 +428,7 @@ class TestMovingGates:
         assert not flight.simulation.HasOutputPort("truth.gate_shifts")
         assert flight.simulation.GetSubsystemByName("plant").num_bodies() == 2
         before = flight.simulator.get_context().Clone()
-        set_bodies(flight.simulation, flight.simulator.get_mutable_context())
+        MakeMonitor(flight.simulation)(flight.simulator.get_mutable_context())
         np.testing.assert_array_equal(
             flight.state,
             flight.simulation.GetOutputPort("truth.state").Eval(

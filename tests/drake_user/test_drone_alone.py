@@ -22,8 +22,9 @@ from airrace.scenario import Scenario
 from airrace.scenario.camera_config import CameraConfig
 from airrace.systems.types import ExplorerStatus
 from airrace.vehicle import GRAVITY, load_vehicle
+from tests.worlds.cases import first
 
-DRONES = ("Default", "StarOne", "vadr")
+DRONES = first(["StarOne", "Default", "vadr"])
 HOVER = np.array([0, 0, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0])  # roll, pitch, yaw, x, y, z; rates
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from drake import lcmt_image_array
 from pydrake.common.value import Value
-from pydrake.geometry import DrakeVisualizer, Meshcat, RenderCameraCore  # noqa: F401
+from pydrake.geometry import DrakeVisualizer, Meshcat, MeshcatParams
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
@@ -15,9 +16,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantValueSource
 from pydrake.systems.sensors import ImageToLcmImageArrayT, PixelType
-from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
+from pydrake.visualization import ApplyVisualizationConfig, ModelVisualizer, VisualizationConfig
 
 from airrace.common.errors import UserError
+from airrace.common.resources import models_path
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.world import Addition
 from airrace.scenario import Scenario, load_scenario
@@ -132,7 +134,7 @@ def test_pictures_go_over_lcm():
     port = convert.DeclareImageInputPort[PixelType.kRgba8U]("camera")
     builder.Connect(simulation.GetOutputPort("camera_image"), port)
     publisher = LcmPublisherSystem.Make(
-        "PICTURES", _image_array(), lcm, 0.1, use_cpp_serializer=True
+        "PICTURES", lcmt_image_array, lcm, 0.1, use_cpp_serializer=True
     )
     builder.AddSystem(publisher)
     builder.Connect(convert.image_array_t_msg_output_port(), publisher.get_input_port())
@@ -142,7 +144,13 @@ def test_pictures_go_over_lcm():
     assert len(messages) == 1
 
 
-def _image_array():
-    from drake import lcmt_image_array
-
-    return lcmt_image_array
+def test_the_models_are_shown_by_drake():
+    """ModelVisualizer takes each drone by the package's name."""
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    for path in sorted(models_path().glob("*/vehicle.yaml")):
+        sdf = next(path.parent.glob("*.sdf"))
+        visualizer = ModelVisualizer(meshcat=meshcat, publish_contacts=False)
+        visualizer.package_map().AddPackageXml(str(models_path() / "package.xml"))
+        visualizer.AddModels(url=f"package://airrace/{sdf.relative_to(models_path())}")
+        visualizer.Finalize()
+        visualizer.Run(loop_once=True)

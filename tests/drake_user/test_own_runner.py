@@ -10,6 +10,7 @@ from airrace.diagrams.simulation import MakeMonitor
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
 from tests.drake_user.flights import HEXAGON, OwnRace, on_a_map
+from tests.worlds.cases import first
 
 SMALL = CameraConfig(width=64, height=48, preset="realistic")
 MOVING = "{disturbances: {gate_shift: 1.0}}"
@@ -29,7 +30,7 @@ def names(race):
     return [race.simulation.get_output_port(i).get_name() for i in range(count)]
 
 
-@pytest.mark.parametrize("time", [0.4, 0.4137, 0.5005])
+@pytest.mark.parametrize("time", first([0.4137, 0.4, 0.5005]))
 @pytest.mark.parametrize(
     "fields", ["{}", "{estimator: vio}", "{camera: {effects: {latency: 0.02}}}"]
 )

@@ -19,7 +19,7 @@ from airrace.common.errors import UserError
 from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
-from airrace.diagrams.simulation import MakeSimulation, set_bodies
+from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.recording.course_result import CourseResult
 from airrace.recording.foxglove_server import FoxgloveServer
@@ -163,7 +163,7 @@ class _Race:
         self._transport, self._sinks = transport, tuple(sinks)
         self._diagram = diagram
         self._observer = diagram.GetSubsystemByName("race_observer")
-        self._simulator = Simulator(self._diagram)
+        self._simulator, self._set_bodies = Simulator(diagram), MakeMonitor(diagram)
         ApplySimulatorConfig(scenario.simulator_config, self._simulator)
         self._result = make_result(scenario, transport.simulation)
         self._controls = None
@@ -189,8 +189,7 @@ class _Race:
         while not (self._result.over or interrupted.is_set or reason):
             steps += 1
             reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
-            simulation = self._diagram.GetSubsystemByName("simulation")
-            set_bodies(simulation, self._simulator.get_mutable_context())
+            self._set_bodies(self._simulator.get_mutable_context())
             self._look()
             if self._controls is not None:
                 self._controls.steer(lambda: interrupted.is_set)

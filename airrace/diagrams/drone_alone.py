@@ -13,6 +13,8 @@ from airrace.systems.plant.multirotor import AddMultirotorModel, AddPropellers, 
 from airrace.systems.vector_function import VectorFunction
 from airrace.vehicle import Vehicle
 
+_COMMANDS, _JOINTS = ("thrusts", "rotor_speeds"), ("rpy", "quaternion")
+
 
 def MakeDrone(
     vehicle: Vehicle,
@@ -46,16 +48,24 @@ def MakeDrone(
             the nose points up or down. ``quaternion`` is that of the Simulation, w, x, y, z before
             the position. Velocities are the same for both, angular (rad/s) before linear (m/s), in
             the world.
-        time_step: of a discrete plant (s); 0 for a continuous one.
+        time_step: of a discrete plant (s); 0 for a continuous one. Drake linearizes no discrete
+            system with states in two places, as a discrete drone with lag has them.
 
     Raises:
-        ValueError: if ``lag`` is asked for with thrusts.
+        ValueError: if an argument is none of these, or ``lag`` is asked for with thrusts.
         UserError: if the SDF file does not agree with the vehicle.
     """
+    for name, value, choices in (("command", command, _COMMANDS), ("joint", joint, _JOINTS)):
+        if value not in choices:
+            raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}.")
+    if not 0.0 <= time_step < np.inf:
+        raise ValueError(f"time_step must be 0 or a positive number of seconds, not {time_step}.")
     if lag and command == "thrusts":
         raise ValueError("lag is of rotor speeds: make the drone with command='rotor_speeds'.")
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
+    if time_step:
+        plant.SetUseSampledOutputPorts(False)  # which would be a state that is no number
     body = AddMultirotorModel(plant, vehicle, sdf)
     if joint == "rpy":
         plant.AddJoint(RpyFloatingJoint("floating", plant.world_frame(), body.body_frame()))

@@ -43,7 +43,7 @@ def MakeSimulation(
         meshcat: a Meshcat to show the world in, or None.
         additions: what else is in the world.
         visible: whether there is geometry to look at, though no meshcat is given: for
-            visualizers of your own.
+            visualizers and cameras of your own.
 
     Raises:
         UserError: if the track, the drone or the renderer cannot be had, or a
@@ -58,7 +58,7 @@ def MakeSimulation(
     world.plant.Finalize()
     forces = AddDrone(builder, world, drone)
     for addition in additions:
-        forces += addition.AddToBuilder(builder, world, drone)
+        forces += addition.AddToBuilder(builder, world, drone) or ()
     ApplyForces(builder, world.plant, forces)
     contacts = world.plant.get_contact_results_output_port()
     builder.ExportOutput(contacts, "truth.contact_results")

@@ -53,7 +53,7 @@ class Addition:
 
     def AddToBuilder(
         self, builder: "DiagramBuilder", world: World, drone: "Drone"
-    ) -> "Sequence[OutputPort]":
+    ) -> "Sequence[OutputPort] | None":
         """Adds systems to the diagram, which may export ports of their own.
 
         Args:
@@ -62,9 +62,8 @@ class Addition:
             drone: that flies.
 
         Returns:
-            ports of forces on bodies, lists of ExternallyAppliedSpatialForce.
+            ports of forces on bodies, lists of ExternallyAppliedSpatialForce; or None.
         """
-        return ()
 
 
 def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False) -> World:

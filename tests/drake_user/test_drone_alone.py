@@ -7,6 +7,7 @@ from pydrake.planning import DirectCollocation
 from pydrake.solvers import SnoptSolver
 from pydrake.systems.analysis import BatchEvalTimeDerivatives, Simulator
 from pydrake.systems.controllers import (
+    DiscreteTimeLinearQuadraticRegulator,
     FiniteHorizonLinearQuadraticRegulator,
     FiniteHorizonLinearQuadraticRegulatorOptions,
     LinearQuadraticRegulator,
@@ -88,6 +89,31 @@ def test_converts_and_hovers(name, options, states):
 def test_a_lag_belongs_to_speeds():
     with pytest.raises(ValueError, match="command='rotor_speeds'"):
         MakeDrone(*load_vehicle("Default"), lag=True)
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"command": "speeds"}, "command must be one of thrusts, rotor_speeds, not 'speeds'"),
+        ({"joint": "euler"}, "joint must be one of rpy, quaternion, not 'euler'"),
+        ({"time_step": -0.1}, "time_step must be 0 or a positive number"),
+        ({"time_step": np.nan}, "time_step must be 0 or a positive number"),
+    ],
+)
+def test_bad_arguments(options, words):
+    with pytest.raises(ValueError, match=words):
+        MakeDrone(*load_vehicle("Default"), **options)
+
+
+def test_a_discrete_drone_has_a_regulator():
+    vehicle, sdf = load_vehicle("StarOne")
+    drone, thrusts = MakeDrone(vehicle, sdf, time_step=0.005), hover_thrusts(vehicle)
+    context = drone.CreateDefaultContext()
+    drone.get_input_port().FixValue(context, thrusts)
+    linear = Linearize(drone, context)
+    n, m = linear.B().shape
+    gains = DiscreteTimeLinearQuadraticRegulator(linear.A(), linear.B(), np.eye(n), np.eye(m))[0]
+    assert np.abs(np.linalg.eigvals(linear.A() - linear.B() @ gains)).max() < 1.0
 
 
 def test_a_model_that_does_not_fit():

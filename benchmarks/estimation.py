@@ -189,7 +189,7 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
 
 def make_hasty_explorer(scenario: Scenario) -> System:
     """Returns an explorer that goes home when it sees gate 1 again, without closing the loop."""
-    explorer = Explorer.from_scenario(scenario)
+    explorer = Explorer.from_scenario(scenario, drifts=True)
     explorer._machine._closes_loop = False
     return explorer
 

@@ -29,7 +29,7 @@ _IMPROVEMENTS = {
                      gains: vehicle, rotor_overdrive: true, rate: 500},
         state_filter: {enabled: true}}""",
     "corners refitted, gates as one body": "{perception: {corners: refit, poses: gate}}",
-    "robust map": """{perception: {estimator: robust, jump_filter: true, max_range: 30,
+    "robust map": """{perception: {map_estimator: robust, jump_filter: true, max_range: 30,
                                    min_observations: 5}}""",
     "explorer without stops": """{explorer: {
         max_speed: 8, max_acceleration: 6, reached_distance: 1, hover_time: 0.5, step_length: 15,

@@ -181,7 +181,7 @@ def test_an_exploration(run):
 
 @pytest.mark.repeats
 def test_explorations_with_several_lengths_of_a_step(run):
-    options = ("--reference", "--tracks", 1, "--first", 2, "--step_length", 5, 25)
+    options = ("--student_airrace", "--tracks", 1, "--first", 2, "--step_length", 5, 25)
     table, rows, text = run("exploration", *options)
     assert [(row["seed"], row["step_length_m"]) for row in rows] == [
         (None, 5.0),

@@ -32,8 +32,6 @@ from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
-DRAWN_BODY = "drawn_body"
-
 
 class Drone(NamedTuple):
     """A drone in a World."""
@@ -93,7 +91,7 @@ def AddDrone(builder: DiagramBuilder, world: World, drone: Drone) -> list[Output
     if errors.mass_error > 0.0 or errors.inertia_error > 0.0:
         seed, body = world.scenario.seed, drone.body.index()
         drawn_body = DrawnBody(body=body, drawn=drone.drawn, seed=seed)
-        _add(builder, world, drone, DRAWN_BODY, drawn_body)
+        _add(builder, world, drone, "drawn_body", drawn_body)
     builder.ExportOutput(drone.state, "truth.state" + drone.suffix)
     return [rotors, *air]
 

@@ -117,7 +117,8 @@ def MakeRpyState() -> System:
     """
 
     def without_quaternion(state):
-        w, x, y, z = state[:4]
+        # Drake's plant lets the length of its quaternion drift.
+        w, x, y, z = state[:4] / np.sqrt(state[:4].dot(state[:4]))
         roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
         pitch = np.arcsin(2.0 * (w * y - x * z))
         yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

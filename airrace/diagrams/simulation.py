@@ -1,15 +1,19 @@
 """The Simulation diagram: where the truth lives."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.visualization import ApplyVisualizationConfig
 
 from airrace.common.errors import UserError
-from airrace.diagrams.drone import DRAWN_BODY, AddDrone, PlaceDrone
-from airrace.diagrams.world import GATE_MOVER, AddGateMover, Addition, AddWorld, World
+from airrace.diagrams.drone import AddDrone, PlaceDrone
+from airrace.diagrams.world import AddGateMover, Addition, AddWorld, World
 from airrace.scenario import Scenario
+from airrace.systems.plant.drawn_body import DrawnBody
+from airrace.systems.plant.gate_mover import GateMover
 from airrace.systems.plant.multirotor import ApplyForces
 
 
@@ -81,7 +85,7 @@ def _visualize(builder: DiagramBuilder, world: World) -> None:
     config = world.scenario.visualization
     try:
         ApplyVisualizationConfig(config, builder, plant=world.plant, scene_graph=world.scene_graph)
-    except RuntimeError as e:
+    except (RuntimeError, SystemExit) as e:  # the last is Drake's for what must not be
         raise UserError(f"visualization cannot be used: {' '.join(str(e).split())}.") from None
 
 
@@ -91,21 +95,17 @@ def MakeMonitor(diagram: Diagram) -> Callable[[Context], None]:
     Where gates move, or mass and inertia are drawn and the Context has another seed than the
     scenario, these are parameters of the plant, and no system of Drake may write those of another.
     With ``simulator.set_monitor(MakeMonitor(diagram))`` they are written after each step. Without
-    it, the simulation ends with an error that says so, as soon as it would be wrong. A loop of your
-    own may call it as well, with the Context of the diagram: ten times a second is enough, since a
-    gate only moves when the drone is far from it.
+    it, the simulation ends with an error that says so. A loop of your own may call it as well, with
+    the Context of the diagram: at the start, and ten times a second, since a gate only moves when
+    the drone is far from it.
 
     Args:
-        diagram: the Simulation, or one in which it is, under the name ``simulation``.
+        diagram: the Simulation, or one that contains it, or several.
     """
-    if diagram.HasSubsystemNamed("simulation"):
-        diagram = diagram.GetSubsystemByName("simulation")
-    plant = diagram.GetSubsystemByName("plant")
-    names = filter(diagram.HasSubsystemNamed, (GATE_MOVER, DRAWN_BODY))
-    systems = [diagram.GetSubsystemByName(name) for name in names]
+    setters = list(_setters(diagram))
 
     def set_bodies(context):
-        for system in systems:
+        for system, plant in setters:
             system.set_bodies(
                 system.GetMyMutableContextFromRoot(context),
                 plant,
@@ -113,3 +113,12 @@ def MakeMonitor(diagram: Diagram) -> Callable[[Context], None]:
             )
 
     return set_bodies
+
+
+def _setters(diagram: Diagram) -> Iterator[tuple[Any, MultibodyPlant]]:
+    """Yields every GateMover and DrawnBody of a diagram, and its plant."""
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram):
+            yield from _setters(system)
+        elif isinstance(system, (GateMover, DrawnBody)):
+            yield system, diagram.GetSubsystemByName("plant")

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from airrace.diagrams.drone import Drone
 
 
-GATE_MOVER = "gate_mover"
-
-
 class World(NamedTuple):
     """What all drones share."""
 
@@ -90,7 +87,7 @@ def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False)
     parser.package_map().AddPackageXml(str(models_path() / "package.xml"))
     try:
         ProcessModelDirectives(ModelDirectives(directives=scenario.directives), parser)
-    except RuntimeError as e:
+    except (RuntimeError, MemoryError, SystemExit) as e:  # the last is Drake's for what must not be
         raise UserError(f"directives cannot be used: {' '.join(str(e).split())}") from None
     return world
 
@@ -104,7 +101,7 @@ def AddGateMover(builder: "DiagramBuilder", world: World, state: "OutputPort") -
     mover = GateMover(
         track=world.track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed
     )
-    builder.AddNamedSystem(GATE_MOVER, mover)
+    builder.AddNamedSystem("gate_mover", mover)
     builder.Connect(state, mover.GetInputPort("state"))
     builder.Connect(world.seed, mover.GetInputPort("seed"))
     shifts = mover.GetOutputPort("gate_shifts")

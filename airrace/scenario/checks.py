@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 # filling the memory.
 RANGES = {
     "laps": (1, 1000),
-    "seed": (0, math.inf),
+    "seed": (0, 2**53),  # beyond, a number of Drake's has no place for all digits
     "camera.width": (16, 8192),
     "camera.height": (16, 8192),
     "camera.fov_y_deg": (1, 170),
@@ -92,6 +93,8 @@ RANGES = {
     "rotor_monitor.rate": (1, 10000),
     "controller.rate": (1, 10000),
 }
+# What Drake checks itself.
+_DRAKES = ("simulator_config.", "plant_config.", "directives[", "visualization.")
 # Limits that .inf takes away.
 UNLIMITED = ("perception.max_range", "imu.errors.gyro_range", "imu.errors.accelerometer_range")
 
@@ -103,7 +106,7 @@ def check_numbers(scenario: "Scenario") -> None:
         if isinstance(value, float) and not math.isfinite(value) and not is_unlimited:
             kind = "a positive number" if name in UNLIMITED else "a finite number"
             raise UserError(f"{name} must be {kind}, not {value}.")
-        if not name.startswith(("simulator_config.", "plant_config.")):
+        if not name.startswith(_DRAKES):
             _check_range(name, value)
 
 
@@ -111,12 +114,16 @@ def _numbers(value, name=""):
     """Yields the dotted names and the values of all numbers in a config."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         yield name, value
-    elif isinstance(value, list):
+    elif isinstance(value, (list, np.ndarray)):
         for i, item in enumerate(value):
             yield from _numbers(item, f"{name}[{i}]")
     elif not isinstance(value, (bool, str, dict, type(None))):
         drakes_fields = getattr(value, "__fields__", None)
-        names = [field.name for field in drakes_fields] if drakes_fields else vars(value)
+        names = (
+            [field.name for field in drakes_fields]
+            if drakes_fields
+            else getattr(value, "__dict__", ())
+        )
         for each in names:
             yield from _numbers(getattr(value, each), f"{name}.{each}" if name else each)
 

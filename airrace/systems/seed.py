@@ -44,6 +44,8 @@ class SeedSource(LeafSystem):
     def _calc_seed(self, context, output):
         (draw,) = self._draw.Eval(context)
         seed = context.get_numeric_parameter(self._seed)[0]
+        if not 0.0 <= seed <= 2.0**53 or seed != int(seed):
+            raise ValueError(f"The seed of a simulation must be a whole number >= 0, not {seed}.")
         output.SetAtIndex(0, zlib.crc32(struct.pack("d", draw)) if draw else seed)
 
 

@@ -59,6 +59,15 @@ def test_what_drake_cannot_use(text, words):
         MakeSimulation(load_scenario(scenario_text=text))
 
 
+def test_such_scenarios_are_checked():
+    """What Drake's own types hold is Drake's business, but for what is no number."""
+    frame = "{add_frame: {name: f, X_PF: {base_frame: world, translation: [0, -1, %s]}}}"
+    load_scenario(scenario_text="{visualization: {}}").check()
+    load_scenario(scenario_text=f"{{directives: [{frame % 0}]}}").check()
+    with pytest.raises(UserError, match=r"translation\[2\] must be a finite number"):
+        load_scenario(scenario_text=f"{{directives: [{frame % '.nan'}]}}").check()
+
+
 class Push(Addition):
     """A constant force on the drone, and its height above the ground as an output."""
 

@@ -61,6 +61,18 @@ def test_a_flight_may_start_late():
     assert race.value("camera_image_time") == [5.0] and race.value("state_estimate")[0] == 5.0
 
 
+def test_a_late_start_shows_no_picture_from_before():
+    """With latency, until the first picture that is taken on time appears."""
+    scenario = load_scenario(scenario_text="{camera: {effects: {latency: 0.02}}}")
+    scenario.track, scenario.camera.width, scenario.camera.height = HEXAGON, 64, 48
+    race = OwnRace(scenario)
+    race.simulator.get_mutable_context().SetTime(1.01)
+    race.simulator.Initialize()
+    for time in (1.021, 1.03, 1.06):
+        race.simulator.AdvanceTo(time)
+        assert race.value("camera_image_time")[0] >= 1.01
+
+
 def test_a_drone_may_be_put_elsewhere():
     """It flies back to where it waits."""
     race = OwnRace(on_a_map())

@@ -53,7 +53,8 @@ import dataclasses as _dc
 import json as _json
 
 from airrace.commands import python_race
-from airrace.diagrams.race_command import RaceOptions, race_scenario
+from airrace.commands.race import AnyRaceOptions
+from airrace.diagrams.race_command import race_scenario
 
 _fly, _folders = python_race.fly_any, []
 
@@ -86,7 +87,7 @@ subprocess.run = _run_briefly
 # Before its solutions: to fly their races would take minutes. Their options are checked, and the
 # lesson's last race, or else a short one, is what they look at.
 STAND_IN = """
-_SHORT = RaceOptions(
+_SHORT = AnyRaceOptions(
     track="hexagon", laps=1, map="track", renderer="none", meshcat=False, report=False, linger=0.0
 )
 

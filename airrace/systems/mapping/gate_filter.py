@@ -89,9 +89,11 @@ class GateFilter(Immutable):
     def updated(self, observation: Observation, weight: float) -> "GateFilter":
         """Returns the estimate with one more observation.
 
-        The measurement update of the extended information filter, with w for the weight,
-            P+ = (P^-1 + w H^T R^-1 H)^-1,    x+ = x + P+ w H^T R^-1 nu:
-        Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 3.5.
+        The measurement update of the extended information filter, with w for the weight::
+
+            P+ = (P^-1 + w H^T R^-1 H)^-1,    x+ = x + P+ w H^T R^-1 nu
+
+        See Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 3.5.
 
         Args:
             observation: of one of the gate's boards.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from airrace.vehicle import Vehicle
 
-_PATIENCE = 0.2  # s, in which a monitor has obeyed
+_FIRST, _PERIOD = 0.01, 0.2  # s, of looks whether a monitor has obeyed
 
 
 class DrawnBody(LeafSystem):
@@ -46,7 +46,7 @@ class DrawnBody(LeafSystem):
         self._body, self._drawn = body, drawn
         self._seed = declare_seed(self, seed)
         self._applied = self.DeclareNumericParameter(BasicVector([seed]))
-        self.DeclarePeriodicPublishEvent(_PATIENCE, _PATIENCE, self._check)
+        self.DeclarePeriodicPublishEvent(_PERIOD, _FIRST, self._check)
 
     def set_bodies(
         self, context: "Context", plant: "MultibodyPlant", plant_context: "Context"

@@ -46,7 +46,7 @@ class Wind(LeafSystem):
         self._fade, self._push = gust_factors(config)
         self._noise = NoiseSequence.of_seeds("wind", 3)
         self._seed = declare_seed(self, seed)
-        state = self.DeclareDiscreteState(self._first(seed))
+        state = self.DeclareDiscreteState(np.full(3, np.nan))  # until it starts
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update_wind)
         self.DeclareStateOutputPort("wind", state)
@@ -60,7 +60,8 @@ class Wind(LeafSystem):
         return self._mean(seed) + self._config.gust_rms * self._noise(seed)[0]
 
     def _start(self, context, discrete_state):
-        if context.get_time() == 0.0:
+        is_new = np.isnan(context.get_discrete_state_vector().value()).any()
+        if is_new or context.get_time() == 0.0:
             discrete_state.set_value(self._first(self._seed(context)))
 
     def _update_wind(self, context, discrete_state):

@@ -140,6 +140,7 @@ class Camera(LeafSystem):
         # first publish; so the first sample is taken at initialization, too.
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclareForcedUnrestrictedUpdateEvent(self._show_now)
+        self._newest = None
         if latency == 0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._show_now)
         else:
@@ -182,6 +183,8 @@ class Camera(LeafSystem):
         # A flight that goes on has a sample, and gets the next one when it is due.
         if context.get_time() == 0.0 or self._shown_sample(context)[-1] == _NO_SEED:
             self._show_now(context, state)
+            if self._newest is not None:
+                state.get_mutable_discrete_state(self._newest).set_value(self._sample_now(context))
 
     def _show_now(self, context, state):
         shown = state.get_mutable_abstract_state(int(self._shown))

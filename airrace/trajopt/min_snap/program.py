@@ -81,9 +81,14 @@ class MinSnapProgram:
             A, (d, variables), and b, (d,): it is ``A @ x.ravel() + b``.
 
         Raises:
-            ValueError: if the time is outside.
+            ValueError: if the time is outside, or there is no such order.
         """
-        if not 0.0 <= time <= self._breaks[-1]:
+        if order < 0 or order != int(order):
+            raise ValueError(f"The order of a derivative must be 0, 1, 2, ..., not {order}.")
+        end = self._breaks[-1]
+        if end < time < (1.0 + 1e-9) * end:
+            time = end  # durations were added up in another order
+        if not 0.0 <= time <= end:
             raise ValueError(f"The time must lie in 0 ... {self._breaks[-1]:g} s, not {time:g}.")
         problem, T = self._problem, self._durations
         leg = min(int(np.searchsorted(self._breaks, time, side="right")) - 1, len(T) - 1)

@@ -99,6 +99,23 @@ def test_no_trajectory():
         program.at(-1.0)
 
 
+@pytest.mark.parametrize("count", range(3, 40))
+def test_the_end_is_inside(count):
+    """However the durations are added up."""
+    durations = np.random.default_rng(count).uniform(0.1, 3.0, count)
+    waypoints = np.arange(count, dtype=float)[:, None] ** 2
+    program = MinSnapProblem(waypoints, periodic=True).program(durations)
+    A, b = program.at(durations.sum())
+    assert A.shape == (1, program.x.size) and b.shape == (1,)
+
+
+@pytest.mark.parametrize("order", [-1, 2.5])
+def test_orders_that_there_are_not(order):
+    waypoints, durations, options = make_problem(5)
+    with pytest.raises(ValueError, match="order of a derivative must be"):
+        MinSnapProblem(waypoints, **options).program(durations).at(0.1, order)
+
+
 @pytest.mark.parametrize("ratio", [1e3, 1e4])
 @pytest.mark.parametrize("pattern", [(0, 1, 0, 1, 0), (0, 0, -1, 0, 0), (0, 0, 1, 0, 0)])
 def test_unlike_durations_lose_no_waypoint(ratio, pattern):

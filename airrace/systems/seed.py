@@ -39,7 +39,9 @@ class SeedSource(LeafSystem):
         LeafSystem.__init__(self)
         self._seed = self.DeclareNumericParameter(BasicVector([seed]))
         self._draw = self.DeclareVectorInputPort("draw", 1)
-        self.DeclareVectorOutputPort("seed", 1, self._calc_seed)
+        # Not of time: it is read by rotors hundreds of times a second.
+        tickets = {self.all_parameters_ticket(), self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("seed", 1, self._calc_seed, tickets)
 
     def _calc_seed(self, context, output):
         (draw,) = self._draw.Eval(context)

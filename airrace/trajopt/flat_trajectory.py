@@ -9,8 +9,14 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
-from airrace.common.jit import compiled
-from airrace.trajopt.reference import NO_LIFT, Reference, as_reference, reference_vector
+from airrace.common.jit import assign, compilable, compiled
+from airrace.trajopt.reference import (
+    NO_LIFT,
+    REFERENCE_SIZE,
+    Reference,
+    as_reference,
+    reference_vector,
+)
 
 
 class FlatTrajectory(Immutable):
@@ -71,17 +77,14 @@ class FlatTrajectory(Immutable):
 
         Times beyond either end are clamped.
         """
-        return _evaluate(self._breaks, self._coefficients, np.array([time], float))[0, :count]
+        return _evaluate(self._breaks, self._coefficients, float(time))[:count]
 
     def reference(self, time: float) -> np.ndarray:
         """Returns the sample at a time, a Reference as a vector (18,).
 
         Beyond the end it is the end point, at rest.
         """
-        derivatives = self.derivatives(time)
-        if time > self.duration:
-            derivatives[1:] = 0.0
-        return flat_outputs(derivatives)
+        return _reference(self._breaks, self._coefficients, float(time))
 
     def positions(self, times: ArrayLike) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
@@ -89,7 +92,7 @@ class FlatTrajectory(Immutable):
 
     def sample(self, times: ArrayLike) -> np.ndarray:
         """Returns samples at many times, References as vectors, (18, N)."""
-        d = _evaluate(self._breaks, self._coefficients, np.asarray(times, float))
+        d = _evaluate_all(self._breaks, self._coefficients, np.asarray(times, float))
         return pack(d.swapaxes(0, 1))
 
 
@@ -114,24 +117,45 @@ def piecewise_polynomial(coefficients: np.ndarray, breaks: np.ndarray) -> Piecew
 
 
 @compiled
-def _evaluate(breaks, coefficients, times):
-    """Returns value and derivatives at times, clamped, (n, 5, 4): Horner's rule."""
-    result = np.zeros((len(times), 5, 4))
+def _evaluate_all(breaks, coefficients, times):
+    """Returns value and derivatives at times, (n, 5, 4); see _evaluate()."""
+    out = np.empty((len(times), 5, 4))
     for i in range(len(times)):
-        out, time = result[i], min(max(times[i], breaks[0]), breaks[-1])
-        segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
-        t = time - breaks[segment]
-        for d in range(4):
-            for c in range(coefficients.shape[2] - 1, -1, -1):
-                for order in range(4, 0, -1):
-                    out[order, d] = out[order, d] * t + order * out[order - 1, d]
-                out[0, d] = out[0, d] * t + coefficients[segment, d, c]
-    return result
+        out[i] = _evaluate(breaks, coefficients, times[i])
+    return out
 
 
+@compiled
+def _evaluate(breaks, coefficients, time):
+    """Returns value and derivatives at a time, clamped, (5, 4): Horner's rule."""
+    out, time = np.zeros((5, 4)), min(max(time, breaks[0]), breaks[-1])
+    segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
+    t = time - breaks[segment]
+    for d in range(4):
+        for c in range(coefficients.shape[2] - 1, -1, -1):
+            for order in range(4, 0, -1):
+                out[order, d] = out[order, d] * t + order * out[order - 1, d]
+            out[0, d] = out[0, d] * t + coefficients[segment, d, c]
+    return out
+
+
+@compiled
+def _reference(breaks, coefficients, time):
+    """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
+    d = _evaluate(breaks, coefficients, time)
+    if time > breaks[-1]:
+        d[1:] = 0.0
+    return flat_outputs(d)
+
+
+@compilable
 def flat_outputs(derivatives: np.ndarray) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
-    return np.concatenate((derivatives[:, :3].ravel(), derivatives[:3, 3]))
+    vector = np.empty(REFERENCE_SIZE)
+    for order in range(5):
+        assign(vector[3 * order :][:3], derivatives[order])
+    assign(vector[15:], derivatives[:, 3])
+    return vector
 
 
 def pack(derivatives: np.ndarray) -> np.ndarray:

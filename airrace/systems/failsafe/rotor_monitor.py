@@ -1,14 +1,19 @@
 """Notices rotors that have stopped."""
 
-from typing import Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airrace.scenario import Scenario
+from airrace.common.jit import compiled
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.rotors import as_rotor_status
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
@@ -46,16 +51,36 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", self._losses)
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Self:
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
         """Returns the monitor of a scenario."""
         return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
     def _compare(self, context, discrete_state):
-        time, speeds, expected = as_rotor_status(read_vector(self._report, context))
-        slow_since = discrete_state.get_mutable_value(self._slow_since)
-        losses = discrete_state.get_mutable_value(self._losses)
+        _compare(
+            discrete_state.get_mutable_value(self._slow_since),
+            discrete_state.get_mutable_value(self._losses),
+            read_vector(self._report, context),
+            self._least,
+            context.get_time(),
+        )
+
+
+@compiled
+def _compare(slow_since, losses, rotor_status, least, now):
+    """Notes which rotors do not follow, and which are lost since now.
+
+    Args:
+        slow_since: see RotorMonitor (s), (n,); changed.
+        losses: of the rotors (s), (n,); changed.
+        rotor_status: vector of a RotorStatus, (1 + 2n,).
+        least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
+        now: (s).
+    """
+    status = as_rotor_status(rotor_status)
+    for i in range(len(losses)):
+        expected = status.expected[i]
         # Written such that a speed that is not a number is too low.
-        is_slow = (expected > self._least) & ~(speeds >= _SHARE * expected)
-        slow_since[:] = np.where(is_slow, np.minimum(slow_since, time), np.inf)
-        is_lost = time - slow_since >= _PATIENCE
-        losses[is_lost] = np.minimum(losses[is_lost], context.get_time())
+        is_slow = expected > least[i] and not status.speeds[i] >= _SHARE * expected
+        slow_since[i] = min(slow_since[i], status.time) if is_slow else np.inf
+        if status.time - slow_since[i] >= _PATIENCE:
+            losses[i] = min(losses[i], now)

@@ -33,4 +33,3 @@ class Reference(NamedTuple):
 
 _PACKING = Packing(Reference, position=3, velocity=3, acceleration=3, jerk=3, snap=3)
 as_reference, reference_vector, REFERENCE_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
-AT_REFERENCE = _PACKING.at  # where each begins and ends

@@ -132,7 +132,7 @@ def _draw(box, rays, tables, texture):
     """Returns a box of the small picture, (h, w, channels)."""
     x, y, height = rays.p_WC[0], rays.p_WC[1], max(rays.p_WC[2], _LOWEST)
     X, Y, Z = rays.R_Wuv
-    channels, last, detail = tables.colors.shape[1], len(texture) - 2, np.empty(len(_DENSITY))
+    channels = tables.colors.shape[1]
     out = np.empty((box.y1 - box.y0, box.x1 - box.x0, channels), np.uint8)
     for v in range(box.y0, box.y1):
         for u in range(box.x0, box.x1):
@@ -146,20 +146,27 @@ def _draw(box, rays, tables, texture):
             along = height / max(down, 1e-9)
             x_W = x + along * (X[0] * u + (X[1] * v + X[2]))
             y_W = y + along * (Y[0] * u + (Y[1] * v + Y[2]))
-            for k in range(len(_DENSITY)):  # the texture between four texels, bilinearly
-                p, q = x_W * _DENSITY[k], y_W * _DENSITY[k]
-                a, b = np.floor(p), np.floor(q)
-                i, j = int(b) & last, int(a) & last
-                here, aside = float(texture[i, j]), float(texture[i, j + 1])
-                under, across = float(texture[i + 1, j]), float(texture[i + 1, j + 1])
-                top, bottom = here + (p - a) * (aside - here), under + (p - a) * (across - under)
-                detail[k] = top + (q - b) * (bottom - top)
+            near = _interpolate(texture, x_W * _DENSITY[0], y_W * _DENSITY[0])
+            far = _interpolate(texture, x_W * _DENSITY[1], y_W * _DENSITY[1])
             for c in range(channels):
                 level = tables.colors[entry, c] + 0.5
-                for k in range(len(_DENSITY)):
-                    level -= detail[k] * tables.darkening[entry, k, c]
+                level -= near * tables.darkening[entry, 0, c]
+                level -= far * tables.darkening[entry, 1, c]
                 pixel[c] = np.uint8(np.int32(max(level, 0.0)))
     return out
+
+
+@compiled
+def _interpolate(texture, p, q):
+    """Returns the texture of grass at (p, q) texels, between them bilinearly."""
+    a, b = np.floor(p), np.floor(q)
+    right, below = p - a, q - b
+    size = len(texture) - 1
+    i, j = int(b) & (size - 1), int(a) & (size - 1)
+    here, aside = float(texture[i, j]), float(texture[i, j + 1])
+    under, across = float(texture[i + 1, j]), float(texture[i + 1, j + 1])
+    top, bottom = here + right * (aside - here), under + right * (across - under)
+    return top + below * (bottom - top)
 
 
 @compiled

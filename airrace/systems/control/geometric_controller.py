@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from airrace.common.jit import all_finite, compiled
+from airrace.common.jit import all_finite, assign, compiled
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -16,7 +16,7 @@ from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.trajopt.reference import AT_REFERENCE, REFERENCE_SIZE, as_reference
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
@@ -25,10 +25,7 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
     from airrace.scenario import Scenario
 
-_NONE = np.zeros(3)  # no disturbance
-_FED_FORWARD = np.r_[
-    AT_REFERENCE.jerk, AT_REFERENCE.snap, AT_REFERENCE.yaw_rate, AT_REFERENCE.yaw_acceleration
-]
+_NONE = np.zeros(3)  # no disturbance, and no motion
 
 
 class GeometricController(LeafSystem):
@@ -129,9 +126,7 @@ class GeometricController(LeafSystem):
             disturbance = read_vector(self._disturbance, context)
         if remaining.can_fly:
             reference = self._reference.Eval(context)
-            reference[AT_REFERENCE.acceleration] -= disturbance
-            if not self._feed_forward:
-                reference[_FED_FORWARD] = 0.0
+            _lean(reference, disturbance, self._feed_forward)
             wrench = self.calc_wrench(reference, estimate)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
@@ -160,6 +155,17 @@ class GeometricController(LeafSystem):
             estimate: vector of a State, (14,).
         """
         return _wrench(reference, estimate, self._parameters)
+
+
+@compiled
+def _lean(reference, disturbance, feed_forward):
+    """Makes a reference, (18,), lean against a disturbance (m/s^2); see GeometricController."""
+    _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+    acceleration -= disturbance
+    if not feed_forward:
+        assign(jerk, _NONE)
+        assign(snap, _NONE)
+        assign(reference[-2:], _NONE)  # the derivatives of yaw
 
 
 @compiled

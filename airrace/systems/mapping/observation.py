@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from airrace.common.immutable import read_only
+from airrace.common.jit import compiled
 from airrace.math.small_matrices import cholesky, propagated
 from airrace.math.vec3 import dot, rotate
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
@@ -107,6 +108,7 @@ def make_observation(
     )
 
 
+@compiled
 def _world_covariance(R_WC, p_CM, covariance, size):
     """Returns the covariance of a marker's x, y, z (m) and rotation about the vertical, (4, 4).
 
@@ -131,6 +133,7 @@ def _world_covariance(R_WC, p_CM, covariance, size):
     return result
 
 
+@compiled
 def _is_covariance(matrix):
     """Whether a matrix is finite and small, and no variance in it is negative."""
     greatest = np.abs(matrix).max()

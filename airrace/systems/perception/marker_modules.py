@@ -5,6 +5,7 @@ import functools
 import cv2
 import numpy as np
 
+from airrace.common.jit import compiled
 from airrace.systems.perception.interpolation import as_pixels, grey_levels
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
@@ -92,6 +93,7 @@ def _code(grey, homography):
     return -1 if white[~_IS_INNER].any() else int((white[_IS_INNER] * _BITS).sum())
 
 
+@compiled
 def _module_levels(grey, homography):
     """Returns the mean grey level of each module's inner half, row by row, (49,)."""
     p = _SAMPLES @ homography.T

@@ -87,12 +87,14 @@ def best_pose(
     return Pose(best.R, best.t, best.cost, best.residual, best.covariance, ambiguity)
 
 
+@compiled
 def pose_at(pose: Pose, p: np.ndarray) -> Pose:
     """Returns the Pose of a frame that is fixed to F, at p in F with its axes; (3,) m."""
     q = rotate(pose.R, p)
     J = np.eye(6)
     J[3:, :3] = -skew(q)  # it moves by w x q when F rotates by w
-    return pose._replace(t=pose.t + q, covariance=propagated(J, pose.covariance))
+    covariance = propagated(J, pose.covariance)
+    return Pose(pose.R, pose.t + q, pose.cost, pose.residual, covariance, pose.ambiguity)
 
 
 @compiled

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from airrace.common.jit import all_finite, compiled
+from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import integrate
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -16,15 +16,19 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 _LEAST_JUMP, _MOST_ACCELERATION = 0.2, 50.0  # m and rad; m/s^2 and rad/s^2
 
 
+@compiled
 def remember(history: np.ndarray, estimate: np.ndarray) -> None:
     """Writes a state estimate into a history, if it is sound and newer than what is there.
 
-    Args: history: flat, (14 n,); changed. estimate: (14,).
+    Args:
+        history: flat, (14 n,); changed.
+        estimate: (14,).
     """
     if is_sound(estimate) and as_state(estimate).time > as_state(history[:STATE_SIZE]).time:
-        history[:] = np.concatenate((estimate, history[:-STATE_SIZE]))
+        assign(history, np.concatenate((estimate, history[:-STATE_SIZE])))
 
 
+@compiled
 def last_two(history: np.ndarray, newest: np.ndarray, time: float) -> np.ndarray:
     """Returns the two newest estimates that are not after a time; (2, 14).
 
@@ -33,17 +37,22 @@ def last_two(history: np.ndarray, newest: np.ndarray, time: float) -> np.ndarray
         newest: an estimate that is perhaps not in it yet, (14,).
         time: (s).
     """
-    rows, nothing = history.reshape(-1, STATE_SIZE), np.full(STATE_SIZE, -1.0)
-    times, latest = np.asarray(as_state(rows.T).time), time + 1e-9
-    last = rows[(times >= 0.0) & (times <= latest)][:2]
-    if is_sound(newest) and times[0] < as_state(newest).time <= latest:
-        last = np.vstack((newest, last))
-    return np.vstack((last, nothing, nothing))[:2]
+    result, count, latest = np.full((2, STATE_SIZE), -1.0), 0, time + 1e-9
+    rows = history.reshape((-1, STATE_SIZE))
+    if is_sound(newest) and as_state(rows[0]).time < as_state(newest).time <= latest:
+        result[0], count = newest, 1
+    for row in rows:
+        if count < 2 and 0.0 <= as_state(row).time <= latest:
+            result[count] = row
+            count += 1
+    return result
 
 
+@compilable
 def is_sound(estimate: np.ndarray) -> bool:
     """Whether a state estimate is finite and its quaternion one."""
-    return all_finite(estimate) and abs(math.hypot(*as_state(estimate).quaternion) - 1.0) < 0.1
+    norm = math.sqrt(np.sum(as_state(estimate).quaternion ** 2))
+    return all_finite(estimate) and abs(norm - 1.0) < 0.1
 
 
 def jumps(before: np.ndarray, after: np.ndarray) -> bool:

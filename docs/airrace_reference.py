@@ -94,8 +94,8 @@ def _section(path: str, cls, default) -> list[str]:
                 is_list = isinstance(value, list)
                 name += "[]" * is_list
                 cells[1:] = [f"[{'list' if is_list else 'fields'}](#scenario-{_anchor(name)})"]
-                cells += ["`[]`" if is_list else "", ""]
-                parts.append((name, part, part() if is_list else value))
+                cells += ["`[]`" if is_list else "" if value is not None else "`null`", ""]
+                parts.append((name, part, part() if is_list or value is None else value))
             meaning = field.comment
             if part is not None and not meaning:
                 name = part.__name__

@@ -76,6 +76,7 @@ rendering/scene/pylon_shape.py           rendering/scene/test_shadows.py
 scenario/checks.py                       scenario/test_scenario.py
 scenario/mavlink_config.py               scenario/test_scenario.py
 scenario/options.py                      commands/test_race.py
+scenario/visualization_config.py         drake_user/test_open_world.py
 systems/control/attitude_controller.py   systems/control/test_flight_cascade.py
 systems/control/rotor_commands.py        systems/control/test_geometric_controller.py
 systems/control/velocity_controller.py   systems/control/test_flight_cascade.py

@@ -2,7 +2,11 @@
 
 import dataclasses as dc
 
+import numpy as np
+from pydrake.math import RigidTransform
+
 from airrace.rendering.imaging.camera_effects import CameraEffects
+from airrace.vehicle.camera_info import CameraInfo, make_camera_info
 
 RENDERERS = ("planar", "vtk")  # or NO_CAMERA, where the map is given
 NO_CAMERA = "none"
@@ -50,6 +54,16 @@ class CameraConfig:
     fps: float = 30.0  # pictures a second
     preset: str = "realistic"  # or "clean", "harsh"
     effects: EffectsConfig = dc.field(default_factory=EffectsConfig)
+
+    def info(self, X_BC: RigidTransform) -> CameraInfo:
+        """Returns the calibration; X_BC: pose of the camera in the body."""
+        return make_camera_info(
+            width=self.width,
+            height=self.height,
+            fov_y=np.deg2rad(self.fov_y_deg),
+            X_BC=X_BC,
+            D=self.resolved().distortion,
+        )
 
     def resolved(self) -> CameraEffects:
         """Returns the preset with what takes its place."""

@@ -7,7 +7,6 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.visualization import VisualizationConfig
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml, models_path
@@ -28,6 +27,7 @@ from airrace.scenario.checks import (
 )
 from airrace.scenario.imu_config import ImuConfig
 from airrace.scenario.mavlink_config import MavlinkConfig
+from airrace.scenario.visualization_config import VisualizationConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure

@@ -24,6 +24,7 @@ from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.world import Addition
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
+from airrace.scenario.visualization_config import VisualizationConfig as ScenarioVisualization
 from tests.drake_user.flights import HEXAGON, OwnRace, on_a_map, tower_directives
 
 MEMORY = "memq://"
@@ -57,6 +58,12 @@ def test_directives_put_a_tower_in_the_way(tmp_path):
 def test_what_drake_cannot_use(text, words):
     with pytest.raises(UserError, match=words):
         MakeSimulation(load_scenario(scenario_text=text))
+
+
+def test_the_visualization_is_drakes():
+    """Its fields and their defaults."""
+    ours = vars(ScenarioVisualization())
+    assert ours == {name: getattr(VisualizationConfig(), name) for name in ours}
 
 
 def test_such_scenarios_are_checked():

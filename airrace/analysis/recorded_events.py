@@ -20,7 +20,6 @@ from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detection, Detections, ExplorerEvent, ExplorerStatus, GateCrossing
 from airrace.track.gate_map import GateMap, MarkerEstimate
-from airrace.vehicle.camera_info import CameraInfo, make_camera_info
 from airrace.vehicle.state import State
 
 if TYPE_CHECKING:
@@ -57,7 +56,8 @@ def recorded_events(run: "Run", pictures: bool = True) -> Iterator[events.RaceEv
     if run.scenario.disturbances.gate_shift:
         readers["/scene"] = functools.partial(_gates, run.track)
     if pictures:
-        readers["/camera/image"] = functools.partial(_picture, _camera_info(run))
+        camera_info = run.scenario.camera.info(run.vehicle.camera.X_BC)
+        readers["/camera/image"] = functools.partial(_picture, camera_info)
     sample, sampled_at = dict[str, Any](), 0.0  # messages of one StateSample, and when
     try:
         for topic, time, message in read_log(run.folder / FILE, [*_SAMPLED, *readers]):
@@ -156,17 +156,6 @@ def _gates(track, time, message):
         place = places[f"gate {number}"]
         shifts += [place.x - gate.p_WG[0], place.y - gate.p_WG[1]]
     return events.GatesMoved(time, np.array(shifts))
-
-
-def _camera_info(run: "Run") -> CameraInfo:
-    config = run.scenario.camera
-    return make_camera_info(
-        width=config.width,
-        height=config.height,
-        fov_y=np.deg2rad(config.fov_y_deg),
-        X_BC=run.vehicle.camera.X_BC,
-        D=config.resolved().distortion,
-    )
 
 
 def _picture(info, time, message):

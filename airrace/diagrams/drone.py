@@ -5,7 +5,6 @@ import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RigidBody
@@ -29,7 +28,6 @@ from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.track import Start, start_pose
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
-from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
 
@@ -137,14 +135,14 @@ def _add_rotors(builder: DiagramBuilder, world: World, drone: Drone) -> OutputPo
         drone.body,
         world.scene_graph,
         drone.vehicle,
-        drawn=drone.drawn,
-        seed=scenario.seed,
+        drawn=drone.drawn if scenario.disturbances.thrust_coefficient_error > 0.0 else None,
         rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
         visible=world.shown,
         suffix=drone.suffix,
     )
-    builder.Connect(world.seed, rotors.GetInputPort("seed"))
+    if rotors.HasInputPort("seed"):
+        builder.Connect(world.seed, rotors.GetInputPort("seed"))
     command = rotors.GetInputPort("rotor_speed_command")
     period = 1.0 / scenario.rotors.rate
     periods = scenario.disturbances.periods_of_delay(period)
@@ -164,13 +162,7 @@ def _add_rotors(builder: DiagramBuilder, world: World, drone: Drone) -> OutputPo
 def _add_camera(builder: DiagramBuilder, world: World, drone: Drone) -> None:
     scenario, config = world.scenario, world.scenario.camera
     effects = config.resolved()
-    info = make_camera_info(
-        width=config.width,
-        height=config.height,
-        fov_y=np.deg2rad(config.fov_y_deg),
-        X_BC=drone.vehicle.camera.X_BC,
-        D=effects.distortion,
-    )
+    info = config.info(drone.vehicle.camera.X_BC)
     imaging, drawn = None, info
     if dc.replace(effects, latency=0.0) != CameraEffects():
         imaging = ImagingChain(effects=effects, camera_info=info, seed=scenario.seed)
@@ -200,7 +192,6 @@ def _add_imu(builder: DiagramBuilder, world: World, drone: Drone) -> None:
         errors=config.resolved(),
         position=drone.vehicle.imu.position,
         failures=scenario.imu_failures,
-        seed=scenario.seed,
         state_period=scenario.plant_config.time_step,
     )
     _export(builder, drone, _add(builder, world, drone, "imu", imu))
@@ -213,7 +204,6 @@ def _add_state_estimate(builder: DiagramBuilder, world: World, drone: Drone) -> 
         rate=config.rate,
         position_sigma=noisy * config.position_sigma,
         velocity_sigma=noisy * config.velocity_sigma,
-        seed=scenario.seed,
         state_period=scenario.plant_config.time_step,
     )
     _export(builder, drone, _add(builder, world, drone, "state_estimate", estimate))

@@ -24,7 +24,7 @@ from airrace.systems.sensing.picture_ports import COLOUR, IMAGE_TYPES, PICTURE_P
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
 from airrace.trajopt.flat_trajectory import hold
 from airrace.vehicle import load_vehicle
-from airrace.vehicle.camera_info import CameraInfo, make_camera_info
+from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.state import State, state_vector
 from airrace.vehicle.vehicle import GRAVITY
 
@@ -46,14 +46,8 @@ class Standing:
 
     def __init__(self, scenario: "Scenario", duration: float):
         """Args: scenario: whose drone, camera and rates to use. duration: of it all (s)."""
-        vehicle, config = load_vehicle(scenario.drone)[0], scenario.camera
-        self._info = make_camera_info(
-            width=config.width,
-            height=config.height,
-            fov_y=np.deg2rad(config.fov_y_deg),
-            X_BC=vehicle.camera.X_BC,
-            D=config.resolved().distortion,
-        )
+        vehicle, _ = load_vehicle(scenario.drone)
+        self._info = scenario.camera.info(vehicle.camera.X_BC)
         thrust = vehicle.mass * GRAVITY / len(vehicle.rotors)
         self._tumbling = duration - _TUMBLE  # since when (s)
         self._speeds = np.sqrt(thrust / vehicle.thrust_coefficients)

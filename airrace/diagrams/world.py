@@ -83,13 +83,18 @@ def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False)
         )
     visible = shown or scenario.camera.renderer == "vtk"
     AddScenery(plant, track, movable=world.gates_move, visible=visible)
+    if scenario.directives:
+        _add_directives(plant, scenario)
+    return world
+
+
+def _add_directives(plant: MultibodyPlant, scenario: Scenario) -> None:
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(models_path() / "package.xml"))
     try:
         ProcessModelDirectives(ModelDirectives(directives=scenario.directives), parser)
     except (RuntimeError, MemoryError, SystemExit) as e:  # the last is Drake's for what must not be
         raise UserError(f"directives cannot be used: {' '.join(str(e).split())}") from None
-    return world
 
 
 def AddGateMover(builder: "DiagramBuilder", world: World, state: "OutputPort") -> None:
@@ -98,9 +103,7 @@ def AddGateMover(builder: "DiagramBuilder", world: World, state: "OutputPort") -
     Args: state: of the drone that flies the laps (13).
     """
     scenario = world.scenario
-    mover = GateMover(
-        track=world.track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed
-    )
+    mover = GateMover(track=world.track, max_shift=scenario.disturbances.gate_shift)
     builder.AddNamedSystem("gate_mover", mover)
     builder.Connect(state, mover.GetInputPort("state"))
     builder.Connect(world.seed, mover.GetInputPort("seed"))

@@ -24,6 +24,7 @@ from airrace.scenario.camera_config import CameraConfig
 from airrace.systems.types import ExplorerStatus
 from airrace.vehicle import GRAVITY, load_vehicle
 from tests.worlds.cases import first
+from tests.worlds.hovering_plant import hover
 
 DRONES = first(["StarOne", "Default", "vadr"])
 HOVER = np.array([0, 0, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0])  # roll, pitch, yaw, x, y, z; rates
@@ -31,7 +32,8 @@ HOVER = np.array([0, 0, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0])  # roll, pitch, yaw, x,
 
 def hover_thrusts(vehicle):
     """Thrusts that hold the drone (N), (n,)."""
-    return np.linalg.pinv(vehicle.allocation) @ [vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
+    _, speeds = hover(vehicle)
+    return vehicle.thrust_coefficients * speeds**2
 
 
 def hovering(drone, thrusts):
@@ -69,7 +71,7 @@ def test_converts_and_hovers(name, options, states):
     assert drone.ToAutoDiffXd() is not None and drone.ToSymbolic() is not None
     simulator = Simulator(drone)
     context, command = simulator.get_mutable_context(), drone.get_input_port()
-    speeds = np.sqrt(hover_thrusts(vehicle) / vehicle.thrust_coefficients)
+    _, speeds = hover(vehicle)
     value = hover_thrusts(vehicle) if command.get_name() == "thrusts" else speeds
     command.FixValue(context, value)
     assert states in (None, context.num_continuous_states())
@@ -167,8 +169,7 @@ def test_a_regulator_flies_in_the_simulation(name):
     plant, rotors = map(simulation.GetSubsystemByName, ("plant", "rotor_bank"))
     state = [1, 0, 0, 0, 0.8, 0, 2, *np.zeros(6)]
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-    turning = np.sqrt(thrusts / vehicle.thrust_coefficients)
-    rotors.set_speeds(rotors.GetMyMutableContextFromRoot(context), turning)
+    rotors.set_speeds(rotors.GetMyMutableContextFromRoot(context), hover(vehicle)[1])
     simulator.AdvanceTo(4.0)
     found = log.FindLog(context)
     off = np.linalg.norm(found.data()[4:7].T - goal[3:6], axis=1)

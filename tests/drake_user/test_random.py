@@ -10,9 +10,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.diagrams.reference_flight import MakeFlight
 from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
-from airrace.scenario import load_scenario
+from airrace.scenario import Scenario, load_scenario
+from airrace.scenario.camera_config import CameraConfig
 from airrace.trajopt.flat_trajectory import hold
-from tests.drake_user.flights import OwnRace, on_a_map
+from tests.drake_user.flights import HEXAGON, OwnRace, on_a_map
 
 WILD = (
     "{disturbances: {drag: 1.0, wind: {mean_speed: 3.0, gust_rms: 1.0}, mass_error: 0.05, "
@@ -27,13 +28,19 @@ def states(race, context):
             wind.get_output_port().Eval(own)]  # fmt: skip
 
 
+def simulator_of(race, context):
+    """A Simulator with the monitor, which goes on from a context."""
+    simulator = Simulator(race.diagram, context)
+    simulator.set_monitor(MakeMonitor(race.diagram))
+    return simulator
+
+
 def flown(race, seed, seconds=0.3):
     """What a race shows after some time, from a random context; of None, from the default one."""
     context = race.diagram.CreateDefaultContext()
     if seed is not None:
         race.diagram.SetRandomContext(context, RandomGenerator(seed))
-    simulator = Simulator(race.diagram, context)
-    simulator.set_monitor(MakeMonitor(race.diagram))
+    simulator = simulator_of(race, context)
     simulator.AdvanceTo(seconds)
     return [each.copy() for each in states(race, simulator.get_context())]
 
@@ -59,8 +66,7 @@ def test_the_default_context_is_the_scenarios():
         if seed is not None:
             source, own = race.subsystem("seed_source", context)
             own.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
-        simulator = Simulator(race.diagram, context.Clone())
-        simulator.set_monitor(MakeMonitor(race.diagram))
+        simulator = simulator_of(race, context.Clone())
         simulator.AdvanceTo(0.3)
         for a, b in zip(states(race, simulator.get_context()), expected):
             np.testing.assert_array_equal(a, b)
@@ -75,11 +81,24 @@ def test_a_drawn_mass_needs_the_monitor():
     simulator = Simulator(race.diagram, context.Clone())
     with pytest.raises(RuntimeError, match=r"of another seed .* call simulator.set_monitor\("):
         simulator.AdvanceTo(0.05)
-    simulator = Simulator(race.diagram, context)
-    simulator.set_monitor(MakeMonitor(race.diagram))
+    simulator = simulator_of(race, context)
     simulator.AdvanceTo(0.01)
     plant, own = race.subsystem("plant", simulator.get_mutable_context())
     assert plant.GetBodyByName("body").get_mass(own) != before
+
+
+def test_pictures_have_the_noise_of_the_contexts_seed():
+    """A seed that is written gives the picture of such a scenario."""
+    config = CameraConfig(width=64, height=48, preset="harsh")
+    pictures = []
+    for seed, written in ((0, 7), (7, 7), (0, 0)):
+        race = OwnRace(Scenario(track=HEXAGON, camera=config, seed=seed))
+        _, own = race.subsystem("seed_source")
+        own.get_mutable_numeric_parameter(0).SetAtIndex(0, written)
+        race.simulator.Initialize()
+        pictures.append(race.value("camera_grey").data.copy())
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    assert (pictures[0] != pictures[2]).any()
 
 
 @pytest.mark.parametrize("seed", [-1.0, 1.5, np.nan])
@@ -99,8 +118,7 @@ def test_a_late_start_has_the_contexts_wind():
         context.SetTime(5.0)
         if seed is not None:
             race.diagram.SetRandomContext(context, RandomGenerator(seed))
-        simulator = Simulator(race.diagram, context)
-        simulator.set_monitor(MakeMonitor(race.diagram))
+        simulator = simulator_of(race, context)
         simulator.Initialize()
         winds.append(states(race, simulator.get_context())[2].copy())
     assert np.unique(winds, axis=0).shape == (3, 3) and np.isfinite(winds).all()

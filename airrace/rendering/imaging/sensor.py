@@ -83,21 +83,24 @@ class Sensor:
         self._light = Light(np.float32(gain), np.float32(vignetting / most), across, down)  # type: ignore[arg-type]
         read, shot = np.float32(read_noise**2), np.float32(shot_noise)
         self._noise = Noise(read, shot, np.zeros((0, 0), np.int8), 0, 0, _ZERO)  # type: ignore[arg-type]
-        self._places = None
-        if not (read_noise > 0 or shot_noise > 0):
-            return
+        self._is_noisy = read_noise > 0 or shot_noise > 0
 
         @functools.lru_cache(maxsize=2)
         def places(seed, block):
             rng = make_generator(seed, "camera_noise_place", block)
             return rng.integers([_MARGIN + 1, _MARGIN + 1, 2], size=(_BLOCK, 3)).tolist()
 
-        self._places, self._seed = places, seed  # in the sheet, and whether it is turned over
-        rng = make_generator(seed, "camera_noise_sheet")
-        sheet = rng.standard_normal((h + _MARGIN, w + _MARGIN), np.float32)
-        # Bytes, because most of the time is spent on fetching them.
-        sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
-        self._noise = self._noise._replace(sheet=sheet)
+        @functools.lru_cache(maxsize=2)
+        def sheet(seed):
+            rng = make_generator(seed, "camera_noise_sheet")
+            normal = rng.standard_normal((h + _MARGIN, w + _MARGIN), np.float32)
+            # Bytes, because most of the time is spent on fetching them.
+            return np.clip(np.round(_STEPS * normal), -127, 127).astype(np.int8)
+
+        # Places in the sheet, and whether it is turned over; and the sheet itself.
+        self._places, self._sheet, self._seed = places, sheet, seed
+        if self._is_noisy:
+            sheet(seed)
 
     def expose(
         self,
@@ -117,11 +120,11 @@ class Sensor:
         if self._is_ideal:
             return
         noise = self._noise
-        if self._places is not None:
-            y, x, turned = self._places(self._seed if seed is None else seed, frame // _BLOCK)[
-                frame % _BLOCK
-            ]
-            noise = noise._replace(x=x, y=y, step=np.float32((1.0 - 2.0 * turned) / _STEPS))  # type: ignore[arg-type]
+        if self._is_noisy:
+            seed = self._seed if seed is None else seed
+            y, x, turned = self._places(seed, frame // _BLOCK)[frame % _BLOCK]
+            step = np.float32((1.0 - 2.0 * turned) / _STEPS)
+            noise = noise._replace(sheet=self._sheet(seed), x=x, y=y, step=step)  # type: ignore[arg-type]
         _expose(with_channels(image), as_boxes(boxes, image), self._light, noise)
 
 

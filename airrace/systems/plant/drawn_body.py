@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from airrace.vehicle import Vehicle
 
+# What to do where a plant does not have what a system has drawn.
+CALL_MONITOR = "call simulator.set_monitor(airrace.diagrams.simulation.MakeMonitor(diagram))."
 _FIRST, _PERIOD = 0.01, 0.2  # s, of looks whether a monitor has obeyed
 
 
@@ -63,6 +65,6 @@ class DrawnBody(LeafSystem):
     def _check(self, context):
         if self._seed(context) != context.get_numeric_parameter(self._applied)[0]:
             raise RuntimeError(
-                "The drone's mass and inertia are those of another seed than the Context's: call "
-                "simulator.set_monitor(airrace.diagrams.simulation.MakeMonitor(diagram))."
+                "The drone's mass and inertia are those of another seed than the Context's: "
+                + CALL_MONITOR
             )

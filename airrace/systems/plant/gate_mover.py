@@ -10,6 +10,7 @@ from airrace.common.packing import Packing
 from airrace.math.random import make_generator
 from airrace.rendering.scene.scenery import move_gates
 from airrace.systems.leaf_system import LeafSystem
+from airrace.systems.plant.drawn_body import CALL_MONITOR
 from airrace.systems.seed import declare_seed
 from airrace.track import Course
 from airrace.track.gate_opening import find
@@ -63,7 +64,7 @@ class GateMover(LeafSystem):
     (2 n,); it is an error if they stay behind.
     """
 
-    def __init__(self, *, track: Course, max_shift: float, seed: int):
+    def __init__(self, *, track: Course, max_shift: float, seed: int = 0):
         """Constructs the mover.
 
         Args:
@@ -115,17 +116,14 @@ class GateMover(LeafSystem):
     def set_bodies(self, context: Context, plant: "MultibodyPlant", plant_context: Context) -> None:
         """Moves the bodies of the gates in a plant to where they are in this system's context."""
         shifts = context.get_discrete_state(self._shifts).value()
-        applied = context.get_mutable_numeric_parameter(self._applied)
-        if not np.array_equal(applied.value(), shifts):
+        # To write is to compute everything anew that depends on it.
+        if not np.array_equal(context.get_numeric_parameter(self._applied).value(), shifts):
             move_gates(plant, plant_context, shifts.reshape(-1, 2))
-            applied.SetFromVector(shifts)
+            context.get_mutable_numeric_parameter(self._applied).SetFromVector(shifts)
 
     def _check_bodies(self, context, shifts):
         if not np.array_equal(context.get_numeric_parameter(self._applied).value(), shifts.ravel()):
-            raise RuntimeError(
-                "The gates have moved, and their bodies have not: call "
-                "simulator.set_monitor(airrace.diagrams.simulation.MakeMonitor(diagram))."
-            )
+            raise RuntimeError(f"The gates have moved, and their bodies have not: {CALL_MONITOR}")
 
     def _next_shift(self, old: np.ndarray, seed: int, gate: int, passage: int) -> np.ndarray:
         """Returns where a gate moves to after a passage, (2,), from its place in the file."""

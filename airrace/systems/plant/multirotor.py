@@ -154,7 +154,6 @@ def AddMultirotor(
     vehicle: Vehicle,
     *,
     drawn: "Callable[[int], Vehicle] | None" = None,
-    seed: int = 0,
     rate: float | None = None,
     failures: Iterable[tuple[int, float]] = (),
     visible: bool = True,
@@ -169,7 +168,7 @@ def AddMultirotor(
         body: of AddMultirotorModel().
         scene_graph: with its geometry.
         vehicle: the rotor table.
-        drawn, seed: see RotorBank.
+        drawn: see RotorBank.
         rate: of the motor controllers (Hz); by default, as often as the plant steps.
         failures: of rotors, see RotorBank.
         visible: whether the drone is drawn, in Meshcat: its visuals cost time at every
@@ -189,7 +188,7 @@ def AddMultirotor(
         elif inspector.GetProximityProperties(geometry_id) is None:
             scene_graph.RemoveGeometry(source, geometry_id)
     period = 1.0 / rate if rate else plant.time_step()
-    rotors = RotorBank(vehicle=vehicle, period=period, failures=failures, drawn=drawn, seed=seed)
+    rotors = RotorBank(vehicle=vehicle, period=period, failures=failures, drawn=drawn)
     builder.AddNamedSystem("rotor_bank" + suffix, rotors)
     thrusts, forces = AddPropellers(builder, body, vehicle, suffix)
     builder.Connect(rotors.GetOutputPort("thrusts"), thrusts)

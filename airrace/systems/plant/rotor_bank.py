@@ -22,7 +22,7 @@ class RotorBank(LeafSystem):
         name: RotorBank
         input_ports:
         - rotor_speed_command
-        - seed (may be left open)
+        - seed (only if rotors are drawn)
         output_ports:
         - rotor_speeds
         - rotor_status
@@ -44,7 +44,6 @@ class RotorBank(LeafSystem):
         period: float,
         failures: Iterable[tuple[int, float]] = (),
         drawn: Callable[[int], Vehicle] | None = None,
-        seed: int = 0,
     ):
         """Constructs the bank, its rotors at rest.
 
@@ -53,8 +52,8 @@ class RotorBank(LeafSystem):
             period: of the update (s). Speeds and thrusts are those of its end, and hold.
             failures: pairs of a rotor's index, from 0, and since when it has
                 failed (s).
-            drawn: from a seed to the vehicle as it really is; by default, it is as it is.
-            seed: for that, if the port is left open.
+            drawn: from a seed to the vehicle as it really is, and then there is a port for the
+                seed; by default, it is as it is.
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
@@ -62,13 +61,8 @@ class RotorBank(LeafSystem):
         for rotor, time in failures:
             self._failed[rotor] = min(time, self._failed[rotor])
         self._period = period
-
-        @functools.lru_cache(maxsize=4)
-        def rotors_of(seed):
-            return tuple(make_rotor_dynamics(drawn(seed) if drawn else vehicle, period))
-
-        self._rotors, self._seed = rotors_of, declare_seed(self, seed)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
+        self._rotors = self._make_rotors(vehicle, drawn)
         # The thrusts are a state, too, so that the plant never has to call Python.
         self._speeds = self.DeclareDiscreteState(n)
         self._thrusts = self.DeclareDiscreteState(n)
@@ -78,9 +72,24 @@ class RotorBank(LeafSystem):
         self.DeclareStateOutputPort("rotor_status", self._status)
         self.DeclareStateOutputPort("thrusts", self._thrusts)
 
+    def _make_rotors(
+        self, vehicle: Vehicle, drawn: Callable[[int], Vehicle] | None
+    ) -> Callable[[Context], tuple]:
+        """Returns a function of the Context, to the parts of its RotorDynamics."""
+        if drawn is None:
+            rotors = tuple(make_rotor_dynamics(vehicle, self._period))
+            return lambda context: rotors
+        period, seed = self._period, declare_seed(self, 0)
+
+        @functools.lru_cache(maxsize=4)
+        def rotors_of(seed):
+            return tuple(make_rotor_dynamics(drawn(seed), period))
+
+        return lambda context: rotors_of(seed(context))
+
     def set_speeds(self, context: Context, speeds: np.ndarray) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
-        rotors = RotorDynamics(*self._rotors(self._seed(context)))
+        rotors = RotorDynamics(*self._rotors(context))
         context.SetDiscreteState(self._speeds, speeds)
         context.SetDiscreteState(self._thrusts, rotors.thrust_coefficients * np.square(speeds))
         context.SetDiscreteState(self._status, [context.get_time(), *speeds, *speeds])
@@ -92,7 +101,7 @@ class RotorBank(LeafSystem):
             discrete_state.get_mutable_value(self._status),
             read_vector(self._command, context),
             self._failed,
-            self._rotors(self._seed(context)),
+            self._rotors(context),
             context.get_time(),
             self._period,
         )

@@ -40,16 +40,17 @@ class Wind(LeafSystem):
     """
 
     def __init__(self, *, config: WindConfig, seed: int):
-        """Args: config: the wind. seed: of all that is random, if the port is left open."""
+        """Args: config: the wind. seed: of all that is random, until the port says another one."""
         LeafSystem.__init__(self)
         self._config = config
         self._fade, self._push = gust_factors(config)
         self._noise = NoiseSequence.of_seeds("wind", 3)
         self._seed = declare_seed(self, seed)
-        state = self.DeclareDiscreteState(np.full(3, np.nan))  # until it starts
+        self._wind = self.DeclareDiscreteState(self._first(seed))
+        self._started = self.DeclareDiscreteState(1)  # 0: with the wind of another seed, perhaps
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update_wind)
-        self.DeclareStateOutputPort("wind", state)
+        self.DeclareStateOutputPort("wind", self._wind)
 
     def _mean(self, seed: int) -> np.ndarray:
         """Returns the steady wind (m/s), (3,), whose direction may be drawn."""
@@ -60,16 +61,17 @@ class Wind(LeafSystem):
         return self._mean(seed) + self._config.gust_rms * self._noise(seed)[0]
 
     def _start(self, context, discrete_state):
-        is_new = np.isnan(context.get_discrete_state_vector().value()).any()
-        if is_new or context.get_time() == 0.0:
-            discrete_state.set_value(self._first(self._seed(context)))
+        started = context.get_discrete_state(self._started).value()[0]
+        if not started or context.get_time() == 0.0:
+            discrete_state.set_value(self._wind, self._first(self._seed(context)))
+            discrete_state.set_value(self._started, [1.0])
 
     def _update_wind(self, context, discrete_state):
         seed = self._seed(context)
         noise = self._noise(seed)[round(context.get_time() / PERIOD)]
-        wind = context.get_discrete_state_vector().value()
+        wind = context.get_discrete_state(self._wind).value()
         rest = (1.0 - self._fade) * self._mean(seed)
-        discrete_state.set_value(rest + self._fade * wind + self._push * noise)
+        discrete_state.set_value(self._wind, rest + self._fade * wind + self._push * noise)
 
 
 @functools.lru_cache(maxsize=8)

@@ -235,7 +235,7 @@ class Camera(LeafSystem):
         if self._imaging is None:
             X_WC = X_WB @ self._info.X_BC
             return expose([(1.0, X_WC)], X_WC).draw
-        frame, seed = round(time * self._fps), max(int(sample[-1]), 0)
+        frame, seed = round(time * self._fps), int(sample[-1]) if sample[-1] >= 0 else None
         return self._imaging.picture(expose, X_WB, w_WB, v_WB, frame, seed).draw
 
     def _calc_time(self, context, output):

@@ -142,8 +142,7 @@ def plan_circuit(
     """
     limits = constraints.limits
     constraints = dc.replace(constraints, limits=_kept(limits, dimensions, style))
-    regions = GateRegions.balls(midpoints, headings, 0.0)
-    gates = np.column_stack([regions.midpoints, regions.headings])
+    gates = _gates(midpoints, headings)
     if previous is not None and not style.soft and len(previous.headings) == len(gates):
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = np.diff(previous.breaks)
@@ -189,10 +188,15 @@ def circuit_problem(
         midpoints, headings, dimensions, style: see plan_circuit().
         approach: gate index to distance (m) of a waypoint in front of it.
     """
-    regions = GateRegions.balls(midpoints, headings, 0.0)
-    gates = np.column_stack([regions.midpoints, regions.headings])
+    gates = _gates(midpoints, headings)
     waypoints, options, _ = _waypoints(gates, approach or {}, dimensions, style)
     return MinSnapProblem(waypoints, **options)
+
+
+def _gates(midpoints: ArrayLike, headings: ArrayLike) -> np.ndarray:
+    """Returns midpoints and headings side by side, (n, 4); checks them."""
+    regions = GateRegions.balls(midpoints, headings, 0.0)
+    return np.column_stack([regions.midpoints, regions.headings])
 
 
 def _waypoints(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
+from airrace.common.jit import compiled
 from airrace.math.vec3 import rotate
 from airrace.vehicle.state import State
 
@@ -97,13 +98,28 @@ class Shutter:
         half = self._time / 2
         X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
         R_01, p_01 = X_01.rotation().matrix(), X_01.translation()
-        p_0 = rotate(R_01, self._p_C.T) + p_01[:, None]
-        u, v, _ = rotate(self._K, p_0) / np.maximum(p_0[2], 0.1 * _DISTANCE)
-        length = np.hypot(u - self._pixels[:, 0], v - self._pixels[:, 1]).max()
+        length = _longest_motion(R_01, p_01, self._K, self._p_C, self._pixels)
         if length <= _SHARP:
             return [(1.0, X_WC(0.0))]
         nodes, weights = _quadrature(min(max(2, math.ceil(length / _STEP)), _MOST))
         return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
+
+
+@compiled
+def _longest_motion(R_01, p_01, K, points, pixels):
+    """Returns how far one of some points moves in the picture at most (px).
+
+    Args:
+        R_01, p_01: the camera's pose at the end of the exposure, in that at its beginning.
+        K: calibration.
+        points, pixels: in the camera's frame at the beginning (m), and in the picture, (n, 3).
+    """
+    longest = 0.0
+    for p, pixel in zip(points, pixels):
+        q = rotate(R_01, p) + p_01
+        x, y, _ = rotate(K, q) / max(q[2], 0.1 * _DISTANCE)
+        longest = max(longest, math.hypot(x - pixel[0], y - pixel[1]))
+    return longest
 
 
 @functools.cache

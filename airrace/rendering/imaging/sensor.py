@@ -134,35 +134,38 @@ def _expose(image, boxes, light, noise):
     channels, step = image.shape[2], noise.step
     silence = np.zeros(image.shape[1], np.int8)
     for x0, y0, x1, y1 in boxes:
-        n, across = x1 - x0, light.across[x0:x1]
-        levels, factors = np.empty(n, np.float32), np.empty(n, np.float32)
-        added = np.empty(n, np.float32)
+        across = light.across[x0:x1]
+        factors, added = np.empty(len(across), np.float32), np.empty(len(across), np.float32)
         for row in range(y0, y1):
             samples = silence[x0:x1]
             if len(noise.sheet) > 0:
                 samples = noise.sheet[noise.y + row, noise.x + x0 : noise.x + x1]
-            pixels, only = image[row, x0:x1], image.reshape(len(image), -1)[row, x0:x1]
-            if channels == 1:
-                for k in range(n):
-                    levels[k] = np.float32(only[k])
-            else:
-                for k in range(n):
-                    level = _LUMA[0] * np.float32(pixels[k, 0])
-                    for c in range(1, 3):
-                        level += _LUMA[c] * np.float32(pixels[k, c])
-                    levels[k] = level
-            for k in range(n):
+            for k in range(len(across)):
                 cos2 = _ONE / (_ONE + across[k] + light.down[row])
                 factors[k] = light.gain * (_ONE - light.vignetting * (_ONE - cos2 * cos2))
-                variance = noise.read + noise.shot * min(factors[k] * levels[k], _WHITEST)
-                added[k] = step * np.float32(samples[k]) * np.sqrt(variance)
             if channels == 1:
-                for k in range(n):
-                    only[k] = _grey_level(factors[k] * levels[k] + added[k])
-            else:
-                for k in range(n):
-                    for c in range(3):
-                        pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + added[k])
+                only = image.reshape(len(image), -1)[row, x0:x1]
+                for k in range(len(across)):
+                    level = factors[k] * np.float32(only[k])
+                    only[k] = _grey_level(
+                        level + step * np.float32(samples[k]) * _sigma(level, noise)
+                    )
+                continue
+            pixels = image[row, x0:x1]
+            for k in range(len(across)):
+                level = _LUMA[0] * np.float32(pixels[k, 0])
+                for c in range(1, 3):
+                    level += _LUMA[c] * np.float32(pixels[k, c])
+                added[k] = step * np.float32(samples[k]) * _sigma(factors[k] * level, noise)
+            for k in range(len(across)):
+                for c in range(3):
+                    pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + added[k])
+
+
+@compilable
+def _sigma(level, noise):
+    """Returns the standard deviation of the noise at a brightness."""
+    return np.sqrt(noise.read + noise.shot * min(level, _WHITEST))
 
 
 @compilable

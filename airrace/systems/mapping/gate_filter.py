@@ -196,6 +196,7 @@ def facing(id: int) -> float:
     return 1.0 if id & 1 else -1.0
 
 
+@compiled
 def gate_heading(observation: Observation) -> float:
     """Returns the gate's heading by the normal of one board (rad)."""
     x, y, _ = observation.normal
@@ -240,6 +241,7 @@ def boards(state: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return result
 
 
+@compiled
 def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool:
     """Whether a camera was on the wrong side of the face of the board that it saw.
 
@@ -255,12 +257,14 @@ def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool
     return np.linalg.norm(observation.p_WM - p_WM) < reach and front < 0.0
 
 
+@compiled
 def _normalized_square(error, covariance):
     """Returns e^T (C + sigma^2 I)^-1 e for a position's error (m), with its shared part."""
     C = covariance + _POSITION_SIGMA**2 * np.eye(3)
     return dot(error, solve_cholesky(cholesky(C), error))
 
 
+@compiled
 def _information(state, observation):
     """Returns what an observation says about a gate: H^T R^-1 H, (5, 5), and H^T R^-1 nu, (5,).
 

@@ -55,6 +55,7 @@ def is_sound(estimate: np.ndarray) -> bool:
     return all_finite(estimate) and abs(norm - 1.0) < 0.1
 
 
+@compiled
 def jumps(before: np.ndarray, after: np.ndarray) -> bool:
     """Whether no flight leads from one state estimate to the next, (14,) each."""
     dt = as_state(after).time - as_state(before).time

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Regenerates both locks from pyproject.toml, with the hashes of every platform's files:
-# requirements.lock has the newest versions of the run-time and dev dependencies, and
-# requirements-run.lock those of them that running takes, for companion boards.
+# Regenerates the locks from pyproject.toml, with the hashes of every platform's files:
+# requirements.lock has the newest versions of the run-time and dev dependencies,
+# requirements-run.lock those of them that running takes, for companion boards, and
+# requirements-uv.lock has what installs them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source tools/setup.bash
@@ -23,8 +24,9 @@ compile() {
   "$uv" pip compile --quiet --upgrade --universal --python-version 3.12 \
     --only-binary :all: --generate-hashes \
     --no-emit-index-url --no-emit-find-links --no-header --no-annotate \
-    "$@" pyproject.toml >/dev/null
+    "$@" >/dev/null
 }
-compile --extra dev --output-file requirements.lock
-compile --constraint requirements.lock --output-file requirements-run.lock
-say "both locks written: read the difference, then run ./test.bash."
+compile --extra dev --output-file requirements.lock pyproject.toml
+compile --constraint requirements.lock --output-file requirements-run.lock pyproject.toml
+compile --output-file requirements-uv.lock - <<<uv
+say "all locks written: read the difference, then run ./test.bash."

@@ -75,6 +75,21 @@ venv_is_current() {
   [ -f "$stamp" ] && [ "$(<"$lock")" = "$(<"$stamp")" ] && venv_works
 }
 
+# uv takes seconds for what takes pip a minute or two. It is installed into .venv; to pip is left
+# what uv can't do: reach an index that only pip knows of, say.
+install_with_uv() {
+  pip_install "$root/requirements-uv.lock" &&
+    "$venv/bin/uv" pip install --quiet --no-progress --python "$venv/bin/python" \
+      --only-binary :all: --require-hashes --requirement "$lock"
+}
+
+install_with_pip() { pip_install "$lock"; }
+
+pip_install() {
+  "$venv/bin/python" -I -m pip install --quiet --no-input --disable-pip-version-check \
+    --only-binary :all: --require-hashes --requirement "$1"
+}
+
 install_lock() {
   if venv_works; then
     say "requirements.lock has changed: updating .venv..."
@@ -82,15 +97,13 @@ install_lock() {
   else
     rm -f "$stamp"
     find_python
-    say "setting up .venv with $python (the first time takes about a minute)..."
+    say "setting up .venv with $python (the first time takes a minute or less)..."
     "$python" -I -m venv --clear "$venv" >&2 || die "making $venv failed" \
       "(see above): check that the disk is writable and not full, and run again."
   fi
 
   local output
-  output=$("$venv/bin/python" -I -m pip install --quiet --no-input \
-    --disable-pip-version-check --only-binary :all: --require-hashes \
-    --requirement "$lock" 2>&1) || {
+  output=$({ install_with_uv || install_with_pip; } 2>&1) || {
     printf '%s\n' "$output" >&2
     die "installing requirements.lock failed (see above): check the network" \
       "and the disk, and that this is 64-bit Linux with glibc 2.34 or newer" \

@@ -40,10 +40,20 @@ case "$*" in
   "-I -m pip "*)
     echo "pip ${{*:4}}" >>{log}
     sleep {pip_seconds}
-    [ ! -e {log}.pip-fails ] || {{ echo "no such wheel"; exit 1; }} ;;
+    [ ! -e {log}.pip-fails ] || {{ echo "no such wheel"; exit 1; }}
+    case "$*" in *requirements-uv.lock)
+      cp {log}.uv "${{0%/*}}/uv" ;;
+    esac ;;
   *)
     echo "$PWD: $*" ;;
 esac
+"""
+
+# Stands in for the uv that pip puts into .venv.
+FAKE_UV = """\
+#!{bash}
+echo "uv $*" >>{log}
+[ ! -e {log}.uv-fails ] || {{ echo "no such index"; exit 1; }}
 """
 
 
@@ -72,6 +82,8 @@ class Sandbox:
             shutil.copy(ROOT / name, self.checkout / name)
         self.lock = self.checkout / "requirements.lock"
         self.lock.write_text("drake==1.58.0 --hash=sha256:0\n")
+        uv = FAKE_UV.format(bash=BASH, log=shlex.quote(str(self.log)))
+        write_executable(Path(f"{self.log}.uv"), uv)
 
     def add_python(self, path, version=(3, 12), pip_seconds=0):
         return write_executable(
@@ -191,7 +203,7 @@ def ready(sandbox):
     sandbox.add_python("good/python3.12")
     sandbox.add_to_path("good")
     assert sandbox.race().returncode == 0
-    assert sandbox.steps() == ["venv", "pip"]
+    assert sandbox.steps() == ["venv", "pip", "uv"]
     return sandbox
 
 
@@ -205,9 +217,10 @@ def test_first_run_sets_up_and_the_next_does_not(sandbox):
     first = sandbox.race("--track", "my track.yaml", cwd=elsewhere)
     assert (first.returncode, first.out) == (0, expected)
     assert "setting up .venv" in first.err
-    (pip,) = [line for line in sandbox.log.read_text().splitlines() if line.startswith("pip")]
-    assert "--require-hashes" in pip and f"--requirement {sandbox.lock}" in pip
-    assert sandbox.steps() == ["venv", "pip"]
+    _, pip, uv = sandbox.log.read_text().splitlines()
+    for line, lock in ((pip, sandbox.checkout / "requirements-uv.lock"), (uv, sandbox.lock)):
+        assert "--require-hashes" in line and f"--requirement {lock}" in line
+    assert sandbox.steps() == ["venv", "pip", "uv"]
     # The checkout is on the interpreter's path, and may move.
     (site_packages,) = (sandbox.checkout / ".venv/lib").glob("python*/site-packages")
     line = (site_packages / "airrace.pth").read_text().strip()
@@ -234,7 +247,18 @@ def test_a_copy_that_hides_the_checkout_is_refused(ready):
 def test_changed_lock_is_installed(ready):
     ready.lock.write_text("drake==1.59.0 --hash=sha256:0\n")
     assert "has changed" in ready.race().err
-    assert ready.steps() == ["pip"]
+    assert ready.steps() == ["pip", "uv"]
+
+
+def test_pip_installs_what_uv_can_not(sandbox):
+    sandbox.add_python("good/python3.12")
+    sandbox.add_to_path("good")
+    Path(f"{sandbox.log}.uv-fails").touch()
+    race = sandbox.race()
+    assert (race.returncode, race.err.count("no such index")) == (0, 0)
+    last = sandbox.log.read_text().splitlines()[-1]
+    assert last.startswith("pip") and f"--requirement {sandbox.lock}" in last
+    assert sandbox.steps() == ["venv", "pip", "uv", "pip"]
 
 
 @pytest.mark.parametrize("change_lock", [True, False])
@@ -247,14 +271,14 @@ def test_failed_set_up_is_redone_from_scratch(ready, change_lock):
     pip_fails.touch()
     failed = ready.race()
     assert (failed.returncode, failed.out) == (2, "")
-    _, output, sentence = failed.err.splitlines(keepends=True)
-    assert output == "no such wheel\n"
+    _, *output, sentence = failed.err.splitlines(keepends=True)
+    assert set(output) == {"no such wheel\n"}
     assert_one_sentence(sentence)
     ready.steps()
 
     pip_fails.unlink()
     assert ready.race().returncode == 0
-    assert ready.steps() == ["venv", "pip"]
+    assert ready.steps() == ["venv", "pip", "uv"]
 
 
 @pytest.mark.skipif(not shutil.which("flock"), reason="there is no flock to wait with")
@@ -265,7 +289,7 @@ def test_two_at_once_set_up_once(sandbox):
     for race in races:
         out, err = race.communicate(timeout=30)
         assert (race.returncode, out.count("-m airrace race")) == (0, 1), err
-    assert sandbox.steps() == ["venv", "pip"]
+    assert sandbox.steps() == ["venv", "pip", "uv"]
 
 
 # Running the tests.
@@ -320,6 +344,7 @@ def test_ci_runs_test_bash_and_nothing_else():
 
 LOCKS = {"requirements.lock": ["dev"], "requirements-run.lock": []}  # to the extras in them
 locks = pytest.mark.parametrize("lock", LOCKS)
+every_lock = pytest.mark.parametrize("lock", [*LOCKS, "requirements-uv.lock"])
 
 
 def locked(lock):
@@ -332,7 +357,7 @@ def locked(lock):
     return result
 
 
-@locks
+@every_lock
 def test_lock_pins_exactly_and_with_hashes_and_holds_no_addresses(lock):
     text = (ROOT / lock).read_text()
     assert not [word for word in ("://", "file:", "--index", "--find-links", " @ ") if word in text]

@@ -101,7 +101,7 @@ def add_colorbar(
 def inline_svg(figure: Figure, name: str) -> str:
     """Returns a figure as an <svg> element for a page; name: unlike any other figure's of it."""
     file = io.StringIO()
-    with rc_context({"svg.hashsalt": name, **STYLE}):  # type: ignore[dict-item]
+    with rc_context({"svg.hashsalt": name, **STYLE}):
         # No date and no version: the same run, the same report.
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()

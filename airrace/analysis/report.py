@@ -98,7 +98,7 @@ def _pictures(run: Run) -> dict[str, str]:
             figures_explorer.timeline_figure,
         ),
     )
-    with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
+    with rc_context(STYLE):
         return {title: inline_svg(draw(run), title) for title, data, draw in sections if data}
 
 

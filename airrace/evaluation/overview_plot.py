@@ -42,7 +42,7 @@ def draw_picture(folder: Path, evaluation: dict) -> None:
     Raises UserError if it cannot be written.
     """
     file = io.BytesIO()
-    with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
+    with rc_context(STYLE):
         # No name and version of what drew it: the same evaluation, the same file.
         options: dict[str, Any] = dict(dpi=110, metadata={"Software": None})
         make_overview(evaluation).savefig(file, format="png", **options)

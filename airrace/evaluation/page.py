@@ -63,7 +63,7 @@ def write_page(folder: Path, evaluation: dict, rows: list[dict]) -> Path:
 
     Raises UserError if it cannot be written.
     """
-    with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
+    with rc_context(STYLE):
         picture = inline_svg(make_overview(evaluation, with_title=False), "evaluation")
     settings, summary = evaluation["settings"], evaluation["summary"]
     races = [race | {"laps": len(race["lap_times_s"])} for race in evaluation["races"]]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
+from airrace.common.words import printable
 from airrace.hitl.channels import OPTIONAL_PORTS, make_channels
 from airrace.hitl.link import packets, phases
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT, SIMULATION, Endpoint
@@ -64,7 +65,9 @@ class GuardedBus(SocketBus):
                 if packets.decode(data, lcmt_heartbeat).role != AUTONOMY:
                     self.violation = "it spoke as the simulation"
         elif channel not in self.allowed:
-            self.violation = f"it sent on {channel[:60]}, which is not a channel of the autonomy"
+            self.violation = (
+                f"it sent on {printable(channel[:60])}, which is not a channel of the autonomy"
+            )
         if self.violation is None:
             super()._take(channel, data)
 
@@ -176,11 +179,12 @@ _NEVER_READY = "the entry was not ready to race within {:g} s"
 
 def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
     """Returns the optional ports that an entry asks for in a heartbeat."""
-    mark, _, names = heartbeat.value.text.partition(" ")
+    text = heartbeat.value.text
+    mark, _, names = text.partition(" ")
     wanted = tuple(names.split())
     given = [port for port in OPTIONAL_PORTS if port != "state_estimate" or not scenario.localizes]
     if mark != PORTS_WANTED or any(port not in given for port in wanted):
-        raise EntryFailed(f"the entry broke the rules: it asked for '{heartbeat.value.text[:80]}'")
+        raise EntryFailed(f"the entry broke the rules: it asked for '{printable(text[:80])}'")
     return wanted
 
 

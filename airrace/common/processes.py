@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import sys
 from collections.abc import Iterator
 
 # For an environment: where processes share the cores, the threads of their numerical
@@ -13,15 +12,6 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
 }
-
-
-def child_environment() -> dict[str, str]:
-    """Returns the environment in which an interpreter finds what this one does.
-
-    That is airrace, and the modules that a scenario names, wherever its working folder is.
-    """
-    found = os.pathsep.join(path or os.getcwd() for path in sys.path)
-    return {**os.environ, "PYTHONPATH": found}
 
 
 @contextlib.contextmanager

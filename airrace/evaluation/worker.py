@@ -9,16 +9,18 @@ import collections
 import contextlib
 import dataclasses as dc
 import json
+import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
+from airrace.common.python_path import module_command
+from airrace.common.words import printable
 from airrace.evaluation.versions import mismatch, versions
 
 # What is in the folder of one race; evaluation/race_process.py flies it.
@@ -155,7 +157,7 @@ def ended_race(
             error = f"crashed ({signal_name})"
         elif code not in ends or (reason in _NO_REASONS and not result["finished"]):
             # Python says in the last line what the error was.
-            last_line = (stderr.splitlines() or ["nothing was said"])[-1].strip()
+            last_line = printable((stderr.splitlines() or ["nothing was said"])[-1].strip())
             error = f"{STOPPED}{last_line}"
         yield EndedRace(folder, result, wall, error, stderr[-_TAIL:] if error else None)
 
@@ -188,12 +190,13 @@ def run_process(module: str, folder: Path, evaluation: str) -> int:
             if evaluation in _stopped:
                 raise RaceKilled("the evaluation was stopped")
             process = subprocess.Popen(
-                [sys.executable, "-m", module, str(folder)],
+                module_command(module, str(folder)),
+                cwd="/",
                 # Its end tells the process that this one has died.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
-                env={**child_environment(), **ONE_THREAD},
+                env={**os.environ, **ONE_THREAD},
                 start_new_session=True,  # Ctrl-C in the terminal is for the evaluation
             )
             _running[evaluation].add(process)

@@ -26,8 +26,10 @@ import numba
 
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
+from airrace.common.python_path import module_command
 from airrace.common.resources import PACKAGE, models_path
+from airrace.common.words import printable
 from airrace.league.attempts import MARK
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
@@ -129,7 +131,7 @@ class EntryLog:
     def _read(self) -> None:
         with self._pipe as pipe:
             while read := pipe.readline(_LONGEST):
-                line = read.decode(errors="replace").strip()
+                line = printable(read.decode(errors="replace")).strip()
                 with self._lock:
                     if not line.startswith(MARK):
                         self._lines += [line] if line else []
@@ -154,8 +156,7 @@ class EntryProcess:
 
         Raises UserError if it cannot be started.
         """
-        arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
-        arguments.append(str(sandbox.limits.memory if sandbox.safe else 0))
+        arguments = [str(end.fileno()), str(sandbox.limits.memory if sandbox.safe else 0)]
         try:
             with end:
                 start = _start_inside if sandbox.safe else _start_outside
@@ -191,14 +192,14 @@ class EntryProcess:
 def _start_outside(arguments, end, folder, limits):
     """Starts an entry without a sandbox; returns the process and its number."""
     process = subprocess.Popen(
-        [*arguments, str(folder / TOLD)],
+        module_command(_MODULE, *arguments, str(folder / TOLD)),
         cwd=folder / TOLD,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         pass_fds=(end.fileno(),),
         start_new_session=True,
-        env={**child_environment(), **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
+        env={**os.environ, **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
     )
     return process, process.pid
 
@@ -210,7 +211,8 @@ def _start_inside(arguments, end, folder, limits):
     status, told = os.pipe()
     with open(filter_file, "rb") as rules, open(status, encoding="utf-8") as reader:
         command = [*_bubblewrap(), *_mounts(folder, limits), "--seccomp", str(rules.fileno())]
-        command += ["--json-status-fd", str(told), "--", *arguments, RACE]
+        command += ["--json-status-fd", str(told), "--"]
+        command += [sys.executable, "-P", "-u", "-m", _MODULE, *arguments, RACE]
         try:
             process = subprocess.Popen(
                 command,

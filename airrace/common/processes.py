@@ -3,6 +3,7 @@
 import contextlib
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -12,6 +13,40 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
 }
+
+
+_CGROUPS = Path("/sys/fs/cgroup")
+_OWN_CGROUP = Path("/proc/self/cgroup")
+
+
+def processors() -> int:
+    """Returns how many processors this process may use, which may be fewer than there are.
+
+    A batch system sets its affinity, sched_setaffinity(2); a container has a quota of time,
+    cpu.max of cgroups(7), of which what is no whole processor does not count.
+    """
+    if hasattr(os, "sched_getaffinity"):  # on Linux
+        number = len(os.sched_getaffinity(0))
+    else:
+        number = os.cpu_count() or 1
+    return max(1, int(min([number, *_quotas()])))
+
+
+def _quotas() -> Iterator[float]:
+    """Yields the quotas of this process' cgroup, and of those above it, in processors."""
+    try:
+        lines = _OWN_CGROUP.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        number, _, path = line.split(":", 2)
+        if number != "0":  # of version 1, whose quotas are elsewhere
+            continue
+        place = _CGROUPS / path.lstrip("/")
+        for folder in (place, *place.parents):
+            with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
+                quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
+                yield int(quota) / int(period)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,6 @@
 import contextlib
 import functools
 import logging
-import os
 import pickle
 import re
 import uuid
@@ -16,6 +15,7 @@ from distributed import Client, Future, LocalCluster, as_completed
 
 from airrace.common.errors import UserError, words
 from airrace.common.interrupts import interrupts_held
+from airrace.common.processes import processors
 from airrace.evaluation.store import RaceStore
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import fly, stop_races
@@ -130,7 +130,7 @@ def fly_missing(
     if scheduler is not None:
         connection = running_cluster(scheduler)
     else:
-        connection = local_cluster(workers or os.cpu_count() or 1)
+        connection = local_cluster(workers or processors())
     try:
         with connection as client:
             check_workers(client, missing[0].versions, systems)

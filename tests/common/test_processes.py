@@ -3,7 +3,8 @@ import threading
 
 import pytest
 
-from airrace.common.processes import real_time_priority
+from airrace.common import processes
+from airrace.common.processes import processors, real_time_priority
 
 
 def policies():
@@ -39,3 +40,22 @@ def test_what_fails_meanwhile_ends_the_priority():
     with pytest.raises(ZeroDivisionError), real_time_priority():
         raise ZeroDivisionError
     assert policies() == before
+
+
+def test_processors_are_those_that_this_process_may_use(tmp_path, monkeypatch):
+    """By its affinity, and by the quota of any cgroup that it is in."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {*range(64)})
+    monkeypatch.setattr(processes, "_CGROUPS", tmp_path)
+    monkeypatch.setattr(processes, "_OWN_CGROUP", tmp_path / "own")
+    assert processors() == 64
+    (tmp_path / "own").write_text("1:cpu:/elsewhere\n0::/job/step\n")
+    (tmp_path / "job" / "step").mkdir(parents=True)
+    (tmp_path / "job" / "step" / "cpu.max").write_text("max 100000\n")
+    assert processors() == 64
+    (tmp_path / "job" / "cpu.max").write_text("450000 100000\n")
+    assert processors() == 4
+    (tmp_path / "job" / "step" / "cpu.max").write_text("50000 100000\n")
+    assert processors() == 1
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {3, 5})
+    (tmp_path / "own").write_text("0::/\n")
+    assert processors() == 2

@@ -34,11 +34,15 @@ class Limits:
     step_cpu: float = 0.1
     # s of processor time for one step, after which the race is over: an endless loop.
     step_cpu_end: float = 60.0
-    # s by the wall's clock that the simulation waits for one step, after which the race is over.
-    step_wall: float = 300.0
+    # s by the wall's clock that the simulation waits for one step, and for all steps of a race
+    # together, after which the race is over.
+    step_wall: float = 120.0
+    race_wall: float = 3600.0
     start_wall: float = 300.0  # s that the entry has from its start until it is ready to race
     memory: float = 4.0  # GB that its process may have
     disk: float = 0.25  # GB that it may write to its own /tmp, which is memory as well
+    files: int = 20000  # that it may have there
+    threads: int = 64  # that its process may have
 
 
 @dc.dataclass

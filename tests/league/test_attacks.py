@@ -6,6 +6,9 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
+import types
 
 import numpy as np
 import pytest
@@ -15,18 +18,27 @@ from airrace.common.errors import UserError, exit_code
 from airrace.common.resources import load_yaml
 from airrace.common.words import printable
 from airrace.evaluation.races_display import print_line
+from airrace.hitl.link import phases
 from airrace.hitl.link.codec import field_codec
+from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
 from airrace.hitl.link.socket_bus import SocketBus
 from airrace.lcmtypes import lcmt_explorer_event
 from airrace.league import season as season_module
 from airrace.league.attempts import MARK
 from airrace.league.display import print_ranking, words_of
 from airrace.league.entry import load_entry
-from airrace.league.entry_remote import GuardedBus
+from airrace.league.entry_remote import (
+    PORTS_WANTED,
+    EntryFailed,
+    EntryRemote,
+    GuardedBus,
+    meet_entry,
+)
 from airrace.league.page import write_page
-from airrace.league.sandbox import EntryLog
-from airrace.league.season import Season, make_legs
+from airrace.league.sandbox import EntryLog, excess_of
+from airrace.league.season import Limits, Season, make_legs
 from airrace.math.random import NoiseSequence, derive, make_generator
+from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerEvent
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
@@ -153,3 +165,94 @@ def test_a_season_with_hostile_names_is_shown(tmp_path, capsys):
     page = write_page(tmp_path, league).read_text()
     check_shown(page)
     assert "<script>alert" not in page and "&lt;script&gt;alert" in page
+
+
+class Process:
+    """In the place of an EntryProcess that runs."""
+
+    def poll(self):
+        return None
+
+    def excess(self):
+        return None
+
+    def cpu_time(self):
+        return 0.0
+
+
+def speaking(end, says):
+    """Starts an entry that sends heartbeats of the phase that says() returns, until it is None."""
+
+    def speak():
+        endpoint = Endpoint(AUTONOMY, (), SocketBus(end))
+        while phase := says():
+            endpoint.send_heartbeat(phase, 0.0, PORTS_WANTED)
+            endpoint.wait(0.01)
+            endpoint.drain()
+
+    thread = threading.Thread(target=speak, daemon=True)
+    thread.start()
+    return thread
+
+
+@pytest.mark.parametrize("first", [phases.COMPILING, phases.WAITING])
+def test_who_only_compiles_is_out(ends, first):
+    """Before it has met the simulation, or after that."""
+    now = [first]
+    thread = speaking(ends[1], lambda: now[0])
+    try:
+        with pytest.raises(EntryFailed, match="was not ready to race within 0.8 s"):
+            remote = meet_entry(Scenario(), GuardedBus(ends[0]), Process(), Limits(start_wall=0.8))
+            now[0] = phases.COMPILING
+            remote._meet()
+    finally:
+        now[0] = None
+        thread.join()
+
+
+class Waits:
+    """In the place of an Exchange whose other side takes its time."""
+
+    def __init__(self, seconds, waiting=0):
+        self.seconds, self.waiting = seconds, waiting
+
+    def send(self, context):
+        pass
+
+    def receive(self, context, stop):
+        end = time.monotonic() + self.seconds
+        while time.monotonic() < end:
+            if stop():
+                return True
+            time.sleep(0.01)
+        return False
+
+
+def steps(ends, exchange, **limits):
+    """What three steps of an entry come to."""
+    bus = GuardedBus(ends[0])
+    start = types.SimpleNamespace(process=Process())
+    remote = EntryRemote((), Endpoint(SIMULATION, (), bus), bus, start, Limits(**limits))
+    remote._exchange = exchange
+    return [remote._step(None) for _ in range(3)]
+
+
+def test_neither_a_step_nor_all_of_them_take_for_ever(ends):
+    """Whatever is sent meanwhile: it is the simulation that counts."""
+    late = "the entry did not answer within 0.1 s"
+    assert steps(ends, Waits(30.0), step_wall=0.1) == [late] * 3
+    slow = "the entry took more than 0.25 s for all steps"
+    assert steps(ends, Waits(0.2), race_wall=0.25) == [None, slow, slow]
+
+
+def test_messages_of_no_step_are_not_kept_without_an_end(ends):
+    broken = "the entry broke the rules: it sent messages that belong to no step"
+    assert steps(ends, Waits(0.0, waiting=2000)) == [broken] * 3
+
+
+def test_threads_and_files_are_counted():
+    """Those of this process, which is in no sandbox."""
+    assert excess_of(os.getpid(), Limits(threads=10**6, files=10**9)) is None
+    assert excess_of(os.getpid(), Limits(threads=0)) == "it has more than 0 threads"
+    many = excess_of(os.getpid(), Limits(threads=10**6, files=0))
+    assert many == "it has more than 0 files in /tmp"

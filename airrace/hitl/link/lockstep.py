@@ -64,6 +64,11 @@ class Exchange:
         self._used = {}  # channel to sequence
         endpoint.keep_all(self._keep, self._is_known)
 
+    @property
+    def waiting(self) -> int:
+        """Number of messages that were kept, and belong to no tick so far."""
+        return len(self._pending) + len(self._beats)
+
     def _is_known(self, channel, sequence):
         if channel == HEARTBEAT:
             return False

@@ -109,7 +109,7 @@ CHEAT = textwrap.dedent(
         "memory": lambda: bytearray(8 << 30),
         "memfd": lambda: os.memfd_create("mine"),
         "segment": lambda: libc.shmget(0, 1 << 30, 0o1600) >= 0 or 1 / 0,
-        "open_files": lambda: [os.pipe() for _ in range(500)],
+        "open_files": lambda: [open("/dev/null") for _ in range(500)],
         "erase_log": erase_log,
         "reopen_log": reopen_log,
         "kill": lambda: os.kill(os.getppid() or 1 / 0, 9),

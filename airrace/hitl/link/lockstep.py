@@ -137,7 +137,9 @@ class Exchange:
 
     def _is_complete(self, tick: int) -> bool:
         beat = self._beats.get(tick)
-        return beat is not None and all(
+        if beat is None or len({*beat.channels}) < len(beat.channels):
+            return False
+        return all(
             self._used.get(channel) == sequence or (channel, sequence) in self._pending
             for channel, sequence in zip(beat.channels, beat.sequences)
         )

@@ -49,6 +49,21 @@ def test_a_child_finds_airrace_and_nothing_of_the_working_folder(traps):
     assert done.returncode == 0, done.stderr
 
 
+def test_nor_if_its_parent_does(traps, monkeypatch):
+    """As an interactive Python would, whose working folder is the first on its path."""
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
+    done = run(module_command("bottleneck"), cwd="/")
+    assert done.returncode == 1 and "No module named bottleneck" in done.stderr
+
+
+def test_the_folder_of_what_starts_it_is_not_on_the_path_of_a_child(tmp_path, monkeypatch):
+    (tmp_path / "shows.py").write_text("import sys; print(sys.path)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    done = run(module_command("shows"), cwd="/")
+    assert str(tmp_path) in done.stdout
+    assert str(Path(python_path.__file__).parent) not in done.stdout
+
+
 def test_a_child_finds_what_its_parent_does(tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "only_here.py").write_text("import sys; print(sys.argv)\n")

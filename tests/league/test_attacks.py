@@ -132,7 +132,7 @@ def test_what_an_entry_writes_and_sends_is_shown_and_not_obeyed(ends):
         file.write(line + b"\n" + MARK.encode() + b"read " + line + b"\n")
     log.wait()
     bus = GuardedBus(ends[0])
-    SocketBus(ends[1]).publish(HOSTILE[:50] + "\x1b", b"")
+    SocketBus(ends[1]).publish("\x1b[2J\u202e[/nope]", b"")
     drain(bus)
     for text in (*log.lines, *log.attempts, bus.violation):
         check_shown(text)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from airrace.commands.app import main
 from airrace.common.errors import UserError, exit_code
 from airrace.common.resources import load_yaml
 from airrace.common.words import printable
@@ -64,6 +65,14 @@ def test_entries_named_as_modules_are_not_run(tmp_path):
         text=True,
     )
     assert done.returncode == 0 and "accepted" in done.stdout, done.stderr
+
+
+def test_settings_of_numba_in_the_working_folder_are_refused(tmp_path, monkeypatch, capsys):
+    """They say from where machine code is loaded: from the folder of an entry, for example."""
+    (make_entry(tmp_path / "herons") / ".numba_config.yaml").write_text("cache_dir: code\n")
+    monkeypatch.chdir(tmp_path / "herons")
+    assert main(["league", "check", ".", "--no-flight"]) == 2
+    assert "The file .numba_config.yaml in this folder" in capsys.readouterr().err
 
 
 SPACE = 2**12  # in the place of 2^31, which a core tries in 40 s

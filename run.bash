@@ -10,4 +10,4 @@ missing=$(missing_packages drake)
 
 # The working directory stays the caller's: relative paths among the options
 # mean what was typed.
-exec "$venv/bin/python" -m airrace race "$@"
+exec "$venv/bin/python" -P -m airrace race "$@"

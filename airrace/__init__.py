@@ -7,7 +7,6 @@ What a lesson needs is here: ``airrace.race``, ``load_run``, ``load_scenario``,
 
 import importlib
 import sys
-import typing
 
 # pip refuses an older Python, a checkout on its path does not; so that it can read this file,
 # there are no f-strings.
@@ -20,7 +19,9 @@ if sys.version_info < (3, 12):  # noqa: UP036
 
 from airrace.common.version import VERSION as __version__  # noqa: E402
 
-if typing.TYPE_CHECKING:
+# Not of the module typing, which is a file: see airrace/common/python_path.py.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
     from airrace.analysis import load_run
     from airrace.analysis.report import write_report
     from airrace.commands.python_race import race

@@ -2,6 +2,11 @@
 
 import sys
 
-from airrace.commands.app import main
+from airrace.common.python_path import forget_working_folder
 
-sys.exit(main())
+forget_working_folder()  # before anything else is imported: it might come from there
+
+from airrace.commands.app import main  # noqa: E402
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -9,11 +9,11 @@ do not depend on the number of workers.
 """
 
 import itertools
-import os
 import sys
 
 import numpy as np
 
+from airrace.common.processes import processors
 from airrace.vehicle import RACERS, load_vehicle
 from benchmarks import harness
 from benchmarks.experiments import MAX_RATE, Case, loss, race, recovery, tracking
@@ -66,7 +66,7 @@ def main(argv=None) -> int:
     parser.add_argument(
         "--workers",
         type=harness.count,
-        default=os.cpu_count(),
+        default=processors(),
         help="processes (default: one a processor)",
     )
     return harness.run(parser, argv, measure, show)

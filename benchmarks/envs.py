@@ -11,12 +11,12 @@ environment, which makes 10 steps at 500 Hz with a simpler model; and rotorpy's 
 which makes 2 at 100 Hz, and has neither observation nor reward.
 """
 
-import os
 import sys
 
 import gymnasium
 import numpy as np
 
+from airrace.common.processes import processors
 from airrace.envs import register_envs
 from benchmarks import harness
 from benchmarks.peers import circle, steps
@@ -46,7 +46,7 @@ def measure(args) -> dict:
         ``rows``: a batch size each, with steps a second of ``one`` core, of ``all``, and of the
         ``peers`` that flew on one, by name; ``cores``; ``failures``: why the others did not.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = processors()
     jobs = [
         (_fly, (count, threads, args.drone, args.level))
         for count in args.envs

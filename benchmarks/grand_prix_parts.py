@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import time
 from pathlib import Path
 
 from airrace.common.errors import UserError
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
 from airrace.track.command import to_yaml
 from airrace.track.generator import generate_square_track
 from benchmarks import harness
@@ -171,7 +172,7 @@ def _fly_client(args, folder, *options):
         client = subprocess.Popen(
             list(map(str, client)),
             cwd=folder,
-            env=child_environment() | ONE_THREAD,
+            env=os.environ | ONE_THREAD,
             stdin=subprocess.DEVNULL,
             stdout=words,
             stderr=subprocess.STDOUT,

@@ -1,6 +1,7 @@
 """The simulator of benchmarks.grand_prix: `airrace grand-prix` in a process of its own."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 from pathlib import Path
 
 from airrace.common.errors import UserError
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
 from benchmarks.grand_prix_client import Client
 
 _PATIENCE = 300.0  # s without a word, after which something is wrong; to compile takes its time
@@ -39,7 +40,7 @@ class Simulation:
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
                 list(map(str, words)),
-                env=child_environment() | ONE_THREAD,
+                env=os.environ | ONE_THREAD,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -12,7 +13,6 @@ import numpy as np
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.common.processes import child_environment
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.vehicle import GRAVITY, load_vehicle
 
@@ -30,7 +30,7 @@ def command(name, *options):
     return subprocess.run(
         [sys.executable, "-m", f"benchmarks.{name}", *map(str, options)],
         cwd=ROOT,
-        env=child_environment() | {"COLUMNS": "160"},
+        env=os.environ | {"COLUMNS": "160"},
         capture_output=True,
         text=True,
     )

@@ -18,7 +18,6 @@ common/command_line.py                   commands/test_app.py
 common/errors.py                         commands/test_app.py
 common/immutable.py                      rendering/imaging/test_lens.py
 common/version.py                        test_project_files.py
-common/words.py                          evaluation/test_tables.py
 diagrams/command_watchdog.py             systems/failsafe/test_command_watchdog.py
 diagrams/drone_alone.py                  drake_user/test_drone_alone.py
 diagrams/estimators.py                   diagrams/test_vio_race.py

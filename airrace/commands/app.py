@@ -1,6 +1,5 @@
 """The command line: its subcommands, each of which is in the room that does it."""
 
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -56,9 +55,6 @@ def _completion(app: App) -> Callable[[Literal["bash", "zsh", "fish"]], int]:
 
 def main(argv: Sequence[str | Path] | None = None) -> int:
     """The command-line program; returns its exit code."""
-    # A scenario may name a module beside which airrace was called.
-    if not {"", os.getcwd()} & set(sys.path):
-        sys.path.append(os.getcwd())
     words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     return run_app(make_app(), _for_clients(words))
 

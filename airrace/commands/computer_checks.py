@@ -1,13 +1,12 @@
 """What a race needs of this computer, and whether it is there."""
 
 import importlib
-import os
 import platform
 import shutil
 
 from airrace.common import jit
 from airrace.common.errors import UserError, words
-from airrace.common.processes import real_time_priority
+from airrace.common.processes import processors, real_time_priority
 from airrace.common.resources import PACKAGE
 from airrace.common.version import VERSION
 from airrace.hitl.link.doctor import BAD, GOOD, WEAK, Row
@@ -60,7 +59,7 @@ def _machine_code() -> Row:
 
 
 def _cores() -> Row:
-    cores = os.cpu_count() or 1
+    cores = processors()
     needed = f"{_CORES} for HITL"
     if cores >= _CORES:
         return Row("processors", str(cores), needed, GOOD, "")

@@ -3,6 +3,7 @@
 Cyclopts makes options and help of a function's parameters, their types and docstrings.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,7 @@ from cyclopts.exceptions import UnusedCliTokensError
 
 from airrace.common.errors import UserError, exit_code
 
+_NUMBA_FILE = ".numba_config.yaml"
 _EPILOG = """\
 Exit codes: 0 done, 1 interrupted or the race did not finish, 2 bad input."""
 
@@ -60,7 +62,17 @@ def run_app(app: App, words: Sequence[str | Path]) -> int:
     return exit_code(lambda: _call(app, [str(word) for word in words]))
 
 
+def _check_working_folder() -> None:
+    """Raises UserError if Numba would obey a file there, which may name code that it is to run."""
+    if os.path.lexists(_NUMBA_FILE):
+        raise UserError(
+            f"The file {_NUMBA_FILE} in this folder would change how airrace computes; remove it, "
+            "or call airrace in another folder."
+        )
+
+
 def _call(app: App, words: list[str]) -> int:
+    _check_working_folder()
     try:
         code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as e:

@@ -4,6 +4,8 @@ import os
 import sys
 from collections.abc import Callable
 
+from airrace.common.words import printable
+
 
 class UserError(Exception):
     """Bad input from outside: a file, an option, a missing system library.
@@ -12,10 +14,14 @@ class UserError(Exception):
     command-line programs print it without a traceback and exit with code 2.
     """
 
+    def __init__(self, sentence: str):
+        """Args: sentence: which may repeat what a file says; it is made printable()."""
+        super().__init__(printable(sentence))
+
 
 def words(error: BaseException) -> str:
     """Returns what an error says, on one line and without a full stop."""
-    text = " ".join((getattr(error, "strerror", None) or str(error)).split())
+    text = " ".join(printable(getattr(error, "strerror", None) or str(error)).split())
     return (text or type(error).__name__).rstrip(".")[:300]
 
 

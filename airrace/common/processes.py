@@ -2,8 +2,8 @@
 
 import contextlib
 import os
-import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -15,13 +15,38 @@ ONE_THREAD = {
 }
 
 
-def child_environment() -> dict[str, str]:
-    """Returns the environment in which an interpreter finds what this one does.
+_CGROUPS = Path("/sys/fs/cgroup")
+_OWN_CGROUP = Path("/proc/self/cgroup")
 
-    That is airrace, and the modules that a scenario names, wherever its working folder is.
+
+def processors() -> int:
+    """Returns how many processors this process may use, which may be fewer than there are.
+
+    A batch system sets its affinity, sched_setaffinity(2); a container has a quota of time,
+    cpu.max of cgroups(7), of which what is no whole processor does not count.
     """
-    found = os.pathsep.join(path or os.getcwd() for path in sys.path)
-    return {**os.environ, "PYTHONPATH": found}
+    if hasattr(os, "sched_getaffinity"):  # on Linux
+        number = len(os.sched_getaffinity(0))
+    else:
+        number = os.cpu_count() or 1
+    return max(1, int(min([number, *_quotas()])))
+
+
+def _quotas() -> Iterator[float]:
+    """Yields the quotas of this process' cgroup, and of those above it, in processors."""
+    try:
+        lines = _OWN_CGROUP.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        number, _, path = line.split(":", 2)
+        if number != "0":  # of version 1, whose quotas are elsewhere
+            continue
+        place = _CGROUPS / path.lstrip("/")
+        for folder in (place, *place.parents):
+            with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
+                quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
+                yield int(quota) / int(period)
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pydrake.systems.framework import System
 
 from airrace.common.errors import UserError
+from airrace.common.python_path import add_own_systems_folder
 from airrace.scenario import Scenario
 
 
@@ -25,6 +26,7 @@ def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenari
         return make(scenario)
     path = scenario.systems[name]
     module, _, attribute = path.partition(":")
+    add_own_systems_folder()
     try:
         make = getattr(importlib.import_module(module), attribute)
     except Exception as e:  # whatever the module does when it is imported

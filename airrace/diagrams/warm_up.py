@@ -15,7 +15,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from rich.console import Console
 
 from airrace.common import jit
-from airrace.common.processes import child_environment
+from airrace.common.python_path import module_command
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.standing_drone import Standing, StandingDrone
@@ -117,11 +117,11 @@ def _compile_apart(scenario):
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
-        command = [sys.executable, "-m", __name__, str(path)]
+        command = module_command(__name__, str(path))
         silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         compilers = []
         for part in _PARTS:
-            compiler = subprocess.Popen([*command, part], env=child_environment(), **silent)
+            compiler = subprocess.Popen([*command, part], **silent)
             compilers.append(stack.enter_context(compiler))
             stack.callback(compiler.kill)  # of no use any more, should this be interrupted
         codes = [compiler.wait() for compiler in compilers]

@@ -3,20 +3,19 @@
 import contextlib
 import functools
 import logging
-import os
 import pickle
 import re
-import signal
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any, Protocol
 
 import dask
-from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
+from distributed import Client, Future, LocalCluster, as_completed
 
 from airrace.common.errors import UserError, words
 from airrace.common.interrupts import interrupts_held
+from airrace.common.processes import processors
 from airrace.evaluation.store import RaceStore
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import fly, stop_races
@@ -44,31 +43,25 @@ class EvaluationStopped(Exception):
     """The evaluation ended before all its races; the message is a clause that says why."""
 
 
-class _IgnoreInterrupts(WorkerPlugin):
-    """Keeps Ctrl-C in a terminal, which reaches all its processes, from the workers."""
-
-    def setup(self, worker):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 @contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Client]:
-    """Starts worker processes on this machine, reachable from it alone, and yields a client."""
+    """Starts workers in this process, which nobody else can reach, and yields a client.
+
+    A worker only waits for a race, which is a process of its own.
+    """
     with (
         dask.config.set(_LOCAL),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            memory_limit=0,  # a worker is small: its races are other processes
+            processes=False,
+            memory_limit=0,
             dashboard_address=None,
             silence_logs=logging.CRITICAL,
             scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
-        client.register_plugin(_IgnoreInterrupts())
         yield client
 
 
@@ -137,7 +130,7 @@ def fly_missing(
     if scheduler is not None:
         connection = running_cluster(scheduler)
     else:
-        connection = local_cluster(workers or os.cpu_count() or 1)
+        connection = local_cluster(workers or processors())
     try:
         with connection as client:
             check_workers(client, missing[0].versions, systems)

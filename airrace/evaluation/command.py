@@ -71,7 +71,7 @@ class EvaluateOptions(DroneOptions):
         "flown"
     )
     workers: Annotated[Whole | None, Parameter(group=RUN)] = None
-    "processes on this machine (default: one a processor)"
+    "races at a time on this machine (default: one a processor that it may use)"
     scheduler: Annotated[str | None, Parameter(group=RUN, metavar="tcp://HOST:PORT")] = None
     "a running Dask cluster instead of --workers"
     record: Annotated[str, Parameter(parse=False)] = "none"

@@ -8,6 +8,8 @@ from typing import Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from airrace.common.words import printable
+
 
 class RacesDisplay(Progress):
     """Shows many races on standard error; inside its ``with`` block the bar is live."""
@@ -47,7 +49,7 @@ class RacesDisplay(Progress):
 
 def print_line(console: Console, line: str) -> None:
     """Prints a line as it is: names and reasons may look like markup, and are not broken."""
-    console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
+    console.print(printable(line), highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 def say_if_stopped(stopped: str | None, flown: int, total: int, folder: Path) -> int:

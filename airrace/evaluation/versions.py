@@ -1,12 +1,12 @@
 """What the results of a race depend on beside its scenario: the code that flies it."""
 
 import importlib.metadata
-import os
 import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
 
 from airrace.common.files import digest
+from airrace.common.python_path import own_systems_folder
 from airrace.common.resources import PACKAGE, models_path
 
 _MISSING = "missing"
@@ -49,8 +49,8 @@ def _distribution(name):
 
 
 def _module_digest(name):
-    """Finds a module where `python -m` finds it, and does not import it."""
-    spec = PathFinder.find_spec(name, [os.getcwd(), *sys.path])
+    """Finds a module where a race finds it, and does not import it."""
+    spec = PathFinder.find_spec(name, [*sys.path, own_systems_folder()])
     if spec is None:
         return _MISSING
     return digest(*map(Path, spec.submodule_search_locations or [spec.origin]))

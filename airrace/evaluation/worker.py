@@ -9,16 +9,18 @@ import collections
 import contextlib
 import dataclasses as dc
 import json
+import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
+from airrace.common.python_path import module_command, own_systems_folder
+from airrace.common.words import printable
 from airrace.evaluation.versions import mismatch, versions
 
 # What is in the folder of one race; evaluation/race_process.py flies it.
@@ -98,7 +100,10 @@ def fly(job: RaceJob, evaluation: str) -> dict:
     files |= {f"{DRONE}/{name}": content for name, content in job.drone.items()}
     try:
         check_versions(job.versions, versions(job.systems))
-        with ended_race("airrace.evaluation.race_process", files, evaluation, ends=(0, 1)) as race:
+        # Systems of somebody's own may read files beside them.
+        place = own_systems_folder() if job.systems else "/"
+        flown = ended_race("airrace.evaluation.race_process", files, evaluation, (0, 1), place)
+        with flown as race:
             if race.error:
                 race.result.update(finished=False, dnf_reason=race.error)
             return {
@@ -124,12 +129,16 @@ def check_versions(expected: dict, actual: dict) -> None:
 
 @contextlib.contextmanager
 def ended_race(
-    module: str, files: Mapping[str, bytes], evaluation: str, ends: Collection[int]
+    module: str,
+    files: Mapping[str, bytes],
+    evaluation: str,
+    ends: Collection[int],
+    place: str = "/",
 ) -> Iterator[EndedRace]:
     """Flies a race in a process of its own, and yields how it ended; its folder is then removed.
 
-    Args: module, evaluation: see run_process(). files: of the race's folder: path to contents.
-    ends: exit codes of a race that was not stopped by an error.
+    Args: module, evaluation, place: see run_process(). files: of the race's folder: path to
+    contents. ends: exit codes of a race that was not stopped by an error.
 
     Raises:
         RaceRefused: if the process says so, by exit code 2.
@@ -141,7 +150,7 @@ def ended_race(
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        code = run_process(module, folder, evaluation)
+        code = run_process(module, folder, evaluation, place)
         stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
         if code == 2:
             raise RaceRefused(stderr.removeprefix("airrace: ") or "no reason given")
@@ -155,7 +164,7 @@ def ended_race(
             error = f"crashed ({signal_name})"
         elif code not in ends or (reason in _NO_REASONS and not result["finished"]):
             # Python says in the last line what the error was.
-            last_line = (stderr.splitlines() or ["nothing was said"])[-1].strip()
+            last_line = printable((stderr.splitlines() or ["nothing was said"])[-1].strip())
             error = f"{STOPPED}{last_line}"
         yield EndedRace(folder, result, wall, error, stderr[-_TAIL:] if error else None)
 
@@ -176,10 +185,11 @@ def stop_races(evaluation: str) -> None:
             process.kill()
 
 
-def run_process(module: str, folder: Path, evaluation: str) -> int:
+def run_process(module: str, folder: Path, evaluation: str, place: str = "/") -> int:
     """Runs a module with the folder of a race; returns its exit code.
 
     What it writes to standard error is left in `stderr` there. Args: evaluation: for stop_races().
+    place: its working folder.
 
     Raises RaceKilled if the evaluation was stopped before.
     """
@@ -188,12 +198,13 @@ def run_process(module: str, folder: Path, evaluation: str) -> int:
             if evaluation in _stopped:
                 raise RaceKilled("the evaluation was stopped")
             process = subprocess.Popen(
-                [sys.executable, "-m", module, str(folder)],
+                module_command(module, str(folder)),
+                cwd=place,
                 # Its end tells the process that this one has died.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
-                env={**child_environment(), **ONE_THREAD},
+                env={**os.environ, **ONE_THREAD},
                 start_new_session=True,  # Ctrl-C in the terminal is for the evaluation
             )
             _running[evaluation].add(process)

@@ -2,9 +2,13 @@
 
 import sys
 
-from airrace.common.command_line import make_app, run_app
-from airrace.common.version import VERSION
-from airrace.hitl.command import add_to
+from airrace.common.python_path import forget_working_folder
+
+forget_working_folder()  # before anything else is imported: it might come from there
+
+from airrace.common.command_line import make_app, run_app  # noqa: E402
+from airrace.common.version import VERSION  # noqa: E402
+from airrace.hitl.command import add_to  # noqa: E402
 
 app = make_app("airrace", VERSION, "A side of a race with hardware in the loop.", add_to)
 sys.exit(run_app(app, ["hitl", *sys.argv[1:]]))

@@ -1,6 +1,5 @@
 """What pilot and navigator take of a computer, beside what there is: whether it is fast enough."""
 
-import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,6 +8,7 @@ from rich.table import Table
 
 from airrace.common import jit
 from airrace.common.errors import UserError
+from airrace.common.processes import processors
 from airrace.hitl.handover import Compiling, Ended, Message, Playing, Warm
 from airrace.hitl.warm_up import play_pilot, warm_up_pilot
 
@@ -95,14 +95,7 @@ def prepare_halves(
     _wait_for(navigator, Playing, show, poll)
     spent = play_pilot(scenario, duration)
     share = _wait_for(navigator, Warm, show, poll).share
-    return Budget(spent.sum() / duration, share, float(np.quantile(spent, 0.999)), _processors())
-
-
-def _processors() -> int:
-    """Returns how many this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # on Linux
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return Budget(spent.sum() / duration, share, float(np.quantile(spent, 0.999)), processors())
 
 
 def _wait_for[M: Message](

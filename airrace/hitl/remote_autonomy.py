@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from airrace.common.words import printable
 from airrace.diagrams.command_watchdog import AddCommandWatchdog
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.hitl.lcm_sender import LcmSender
@@ -223,7 +224,7 @@ class RealTimeRemote(Remote):
 
     def _reason_given(self):
         """Returns why the autonomy fell silent, if it has said so."""
-        words = self._endpoint.peer_heartbeat.value.text
+        words = printable(self._endpoint.peer_heartbeat.value.text)
         return f" ({words})" if words else ""
 
     def _watchdog_memory(self, context):

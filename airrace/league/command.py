@@ -121,7 +121,7 @@ def run(
         others: more of them
         output: where the results go (default: runs/<UTC time>-league-<season>)
         resume: go on with the season in --output: only races that it lacks are flown
-        workers: processes on this computer (default: one a processor)
+        workers: races at a time on this computer (default: one a processor that it may use)
         scheduler: a running Dask cluster instead of --workers
         unsafe: fly entries without a sandbox, where this computer offers none
     """

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from airrace.evaluation.races_display import RacesDisplay, print_line
 
@@ -57,8 +58,8 @@ def print_ranking(league: dict, page: Path) -> None:
         laps = [each["mean_lap_s"], each["best_lap_s"]]
         table.add_row(
             str(each["place"]),
-            teams[each["entry"]],
-            each["entry"],
+            Text(teams[each["entry"]]),  # not as markup
+            Text(each["entry"]),
             f"{each['finished']} of {each['races']}",
             f"{100 * each['step']:.0f} %",
             *("–" if lap is None else f"{lap:.3f} s" for lap in laps),

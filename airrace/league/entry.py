@@ -5,11 +5,14 @@ import dataclasses as dc
 import functools
 import importlib.metadata
 import re
+import sys
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from airrace.common.errors import UserError
 from airrace.common.files import digest, files_in
 from airrace.common.resources import load_yaml, models_path
+from airrace.common.words import printable
 from airrace.diagrams.variants import SYSTEM_NAMES
 from airrace.scenario import (
     LEARNED,
@@ -93,6 +96,11 @@ def load_entry(name_or_folder: str | Path) -> Entry:
         raise UserError(
             f"The entry's folder '{name}' needs another name, of letters, digits, _ and - only."
         )
+    if _is_module(name):
+        raise UserError(
+            f"The entry's folder '{name}' has the name of a module of Python's, which might be "
+            "taken for it; give it another name."
+        )
     _check_files(folder)
     config = load_yaml(EntryConfig, filename=folder / ENTRY_FILE)
     _check_config(folder / ENTRY_FILE, config)
@@ -100,6 +108,12 @@ def load_entry(name_or_folder: str | Path) -> Entry:
     _check_packages(folder / ENTRY_FILE, config)
     # Of what is in the folder: the digest does not depend on the folder's name.
     return Entry(name, folder, config, digest(*sorted(folder.iterdir())))
+
+
+def _is_module(name: str) -> bool:
+    """Whether a module of that name can be imported here; nothing of it is run."""
+    spec = PathFinder.find_spec(name)
+    return name in sys.stdlib_module_names or (spec is not None and spec.origin is not None)
 
 
 def find_entry(name_or_folder: str | Path) -> Path:
@@ -142,8 +156,8 @@ def _check_files(folder: Path) -> None:
 
 def _check_config(path: Path, config: EntryConfig) -> None:
     autonomy = config.autonomy
-    if not config.team.strip() or len(config.team) > 60:
-        raise UserError(f"{path}: team must be a name of 1 to 60 characters.")
+    if not config.team.strip() or len(config.team) > 60 or config.team != printable(config.team):
+        raise UserError(f"{path}: team must be a name of 1 to 60 characters that are seen.")
     if config.drone not in DRONES:
         raise UserError(
             f"{path}: drone must be a shipped one, {' or '.join(DRONES)}, not '{config.drone}'."

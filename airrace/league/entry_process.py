@@ -1,8 +1,8 @@
-"""What runs in the sandbox: python -m airrace.league.entry_process FD MEMORY FOLDER.
+"""What runs in the sandbox: python -m airrace.league.entry_process FD MEMORY THREADS FOLDER.
 
 It flies the autonomy of an entry, in lockstep with the simulation at the other end of a socket.
-FD is the socket's number, MEMORY how many GB the process may have (0: any), FOLDER holds the
-entry's scenario, its track's file, and the entry's own folder.
+FD is the socket's number, MEMORY how many GB the process may have (0: any), THREADS how many
+threads, FOLDER holds the entry's scenario, its track's file, and the entry's own folder.
 
 Nothing here keeps anybody from anything: the entry's code runs in this very process, and could
 change whatever is written here. What holds is the sandbox.
@@ -10,6 +10,8 @@ change whatever is written here. What holds is the sandbox.
 
 import contextlib
 import os
+import platform
+import re
 import resource
 import shutil
 import socket
@@ -26,11 +28,14 @@ from airrace.league.sandbox import HIDDEN, MACHINE_CODE, OWN_MACHINE_CODE
 from airrace.league.scenarios import ENTRY, SCENARIO
 
 _MAX_FILE = 100e6  # bytes that any file may grow to
+_MAX_OPEN = 256  # files and pipes, whose buffers are memory as well
+# From here on Linux counts the threads of each user namespace by itself, not all of a user.
+_COUNTS_OWN_THREADS = (5, 14)
 
 
-def main(descriptor: int, memory: float, folder: Path) -> int:
+def main(descriptor: int, memory: float, threads: int, folder: Path) -> int:
     """Flies; returns the exit code."""
-    set_limits(memory)
+    set_limits(memory, threads)
     own_tmp = memory > 0.0
     if own_tmp:
         shutil.copytree(
@@ -53,13 +58,17 @@ def copy_if_there(source: str, target: str) -> None:
         shutil.copy2(source, target)
 
 
-def set_limits(memory: float) -> None:
-    """Sets what this process, from now on, may use; memory: (GB), 0: any."""
+def set_limits(memory: float, threads: int) -> None:
+    """Sets what this process, from now on, may use; memory: (GB), 0: any, outside of a sandbox."""
+    limits = {resource.RLIMIT_CORE: 0}
     if memory:
-        size = int(memory * 1e9)
-        resource.setrlimit(resource.RLIMIT_AS, (size, size))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (int(_MAX_FILE), int(_MAX_FILE)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        limits[resource.RLIMIT_AS] = int(memory * 1e9)
+        limits[resource.RLIMIT_FSIZE] = int(_MAX_FILE)
+        limits[resource.RLIMIT_NOFILE] = _MAX_OPEN
+        if tuple(map(int, re.findall(r"\d+", platform.release())[:2])) >= _COUNTS_OWN_THREADS:
+            limits[resource.RLIMIT_NPROC] = threads
+    for limit, most in limits.items():
+        resource.setrlimit(limit, (most, most))
 
 
 def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
@@ -109,4 +118,4 @@ def reason_of(error: BaseException) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3])))
+    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])))

@@ -5,8 +5,8 @@ import dataclasses as dc
 import time
 from typing import TYPE_CHECKING, Any
 
-from airrace.common.errors import UserError
 from airrace.common.patience import patient
+from airrace.common.words import printable
 from airrace.hitl.channels import OPTIONAL_PORTS, make_channels
 from airrace.hitl.link import packets, phases
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT, SIMULATION, Endpoint
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 PORTS_WANTED = "ports:"  # begins what an entry says while it waits: which optional ports it uses
 _MOST_SENT = 64 << 20  # bytes in one step
+_MOST_WAITING = 1000  # messages that belong to no step
 _LAST_WORDS = 5.0  # s from the end of the socket to the end of the process
 
 
@@ -64,7 +65,9 @@ class GuardedBus(SocketBus):
                 if packets.decode(data, lcmt_heartbeat).role != AUTONOMY:
                     self.violation = "it spoke as the simulation"
         elif channel not in self.allowed:
-            self.violation = f"it sent on {channel[:60]}, which is not a channel of the autonomy"
+            self.violation = (
+                f"it sent on {printable(channel[:60])}, which is not a channel of the autonomy"
+            )
         if self.violation is None:
             super()._take(channel, data)
 
@@ -81,13 +84,15 @@ class EntryRemote(LockstepRemote):
         channels: "Iterable[PortChannel]",
         endpoint: Endpoint,
         bus: GuardedBus,
-        process: "EntryProcess",
+        start: "EntryStart",
         limits: "Limits",
     ):
         """Args: as meet_entry() has them."""
         super().__init__(tuple(channels), endpoint)
-        self._bus, self._process, self._limits = bus, process, limits
+        self._bus, self._start, self._limits = bus, start, limits
+        self._process = start.process
         self.conduct = Conduct()
+        self._waited = 0.0  # for all steps before this one (s)
         self._began, self._cpu = time.monotonic(), 0.0  # of this step: wall's clock, processor (s)
         self._reason: str | None = None
         self._late = f"the entry did not answer within {limits.step_wall:g} s"
@@ -97,14 +102,15 @@ class EntryRemote(LockstepRemote):
         if self._over is not None:
             raise EntryFailed(self._over)
         self.conduct = Conduct()  # what the first step loads is no matter of the race
+        self._waited = 0.0
 
     def _meet(self) -> None:
         await_peer(
             self._endpoint,
             phases.READY,
             self.mode,
-            timeout=self._limits.start_wall,
-            poll=lambda: _check_start(self._process, self._bus),
+            timeout=2.0 * self._limits.start_wall,
+            poll=self._start.check,
         )
 
     def _step(self, context: "Context") -> str | None:
@@ -116,9 +122,14 @@ class EntryRemote(LockstepRemote):
             ended = self._exchange.receive(context, stop=self._must_stop)
         except PeerLost:
             ended, self._reason = True, self._late
-        if ended or self._bus.violation:
-            broken = self._bus.violation and f"the entry broke the rules: {self._bus.violation}"
-            return broken or self._reason or "the entry left the race"
+        self._waited += time.monotonic() - self._began
+        violation = self._bus.violation or self._process.excess()
+        if self._exchange.waiting > _MOST_WAITING:
+            violation = "it sent messages that belong to no step"
+        if violation is not None:
+            return f"the entry broke the rules: {violation}"
+        if ended:
+            return self._reason or "the entry left the race"
         spent = self._process.cpu_time() - self._cpu
         self.conduct.steps += 1
         self.conduct.missed_deadlines += spent > self._limits.step_cpu
@@ -134,9 +145,41 @@ class EntryRemote(LockstepRemote):
             self._reason = (
                 f"the entry computed {self._limits.step_cpu_end:g} s for one step, and did not end"
             )
-        elif time.monotonic() - self._began > patient(self._limits.step_wall):
+        elif self._waited_now() > patient(self._limits.step_wall):
             self._reason = self._late
+        elif self._waited + self._waited_now() > patient(self._limits.race_wall):
+            self._reason = f"the entry took more than {self._limits.race_wall:g} s for all steps"
+        elif excess := self._process.excess():
+            self._bus.violation = excess
         return self._reason is not None or self._bus.violation is not None
+
+    def _waited_now(self) -> float:
+        return time.monotonic() - self._began
+
+
+class EntryStart:
+    """Watches an entry until it is ready to race, for which nothing that it says gives it longer.
+
+    Attributes:
+        process: of the entry.
+    """
+
+    def __init__(self, bus: GuardedBus, process: "EntryProcess", limits: "Limits"):
+        """From now on its time runs. Args: as meet_entry() has them."""
+        self.process, self._bus, self._limits = process, bus, limits
+        self._latest = time.monotonic() + patient(limits.start_wall)
+
+    def check(self) -> None:
+        """Raises EntryFailed if it has ended, has broken a rule, or has no more time."""
+        violation = self._bus.violation or self.process.excess()
+        if violation is not None:
+            raise EntryFailed(f"the entry broke the rules: {violation}")
+        if self.process.poll() is not None or self._bus.is_broken:
+            raise EntryFailed(last_words(self.process))
+        if time.monotonic() > self._latest:
+            raise EntryFailed(
+                f"the entry was not ready to race within {self._limits.start_wall:g} s"
+            )
 
 
 def meet_entry(
@@ -151,45 +194,26 @@ def meet_entry(
     channels = make_channels(scenario, ())
     bus.allowed = tuple(channel.name for channel in channels if channel.sender == AUTONOMY)
     endpoint = Endpoint(SIMULATION, channels, bus)
-    latest = time.monotonic() + patient(limits.start_wall)
-
-    def poll():
-        _check_start(process, bus)
-        if time.monotonic() > latest:  # also if it says, without an end, that it compiles
-            raise EntryFailed(_NEVER_READY.format(limits.start_wall))
-
-    try:
-        await_peer(endpoint, phases.WAITING, timeout=limits.start_wall, poll=poll)
-    except UserError:
-        raise EntryFailed(_NEVER_READY.format(limits.start_wall)) from None
+    start = EntryStart(bus, process, limits)
+    await_peer(endpoint, phases.WAITING, timeout=2.0 * limits.start_wall, poll=start.check)
     wanted = _wanted(endpoint.peer_heartbeat, scenario)
     sent = [
         channel
         for channel in make_channels(scenario, wanted)
         if not channel.ports[0].startswith("truth.")
     ]
-    return EntryRemote(sent, endpoint, bus, process, limits)
-
-
-_NEVER_READY = "the entry was not ready to race within {:g} s"
+    return EntryRemote(sent, endpoint, bus, start, limits)
 
 
 def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
     """Returns the optional ports that an entry asks for in a heartbeat."""
-    mark, _, names = heartbeat.value.text.partition(" ")
+    text = heartbeat.value.text
+    mark, _, names = text.partition(" ")
     wanted = tuple(names.split())
     given = [port for port in OPTIONAL_PORTS if port != "state_estimate" or not scenario.localizes]
     if mark != PORTS_WANTED or any(port not in given for port in wanted):
-        raise EntryFailed(f"the entry broke the rules: it asked for '{heartbeat.value.text[:80]}'")
+        raise EntryFailed(f"the entry broke the rules: it asked for '{printable(text[:80])}'")
     return wanted
-
-
-def _check_start(process: "EntryProcess", bus: GuardedBus) -> None:
-    """Raises EntryFailed if an entry has ended, or broken a rule, before the race."""
-    if bus.violation is not None:
-        raise EntryFailed(f"the entry broke the rules: {bus.violation}")
-    if process.poll() is not None or bus.is_broken:
-        raise EntryFailed(last_words(process))
 
 
 def last_words(process: "EntryProcess") -> str:

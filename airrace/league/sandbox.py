@@ -26,8 +26,10 @@ import numba
 
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
-from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.processes import ONE_THREAD
+from airrace.common.python_path import module_command
 from airrace.common.resources import PACKAGE, models_path
+from airrace.common.words import printable
 from airrace.league.attempts import MARK
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
@@ -36,6 +38,7 @@ TOLD = "told"  # in a race's folder: what the entry is given
 RACE = "/race"  # where the entry finds its scenario, track and folder
 # Machine code is compiled once for all; each entry makes a copy, which it may write to.
 MACHINE_CODE, OWN_MACHINE_CODE = "/machine_code", "/tmp/machine_code"
+WRITABLE = ("/tmp", "/dev/shm")  # what it may write to: memory, by limits.disk each
 HIDDEN = ("tracks", "entries")  # folders of models/ that no entry sees
 _MODULE = "airrace.league.entry_process"
 _FILTER = "filter"  # file in the race's folder
@@ -45,6 +48,7 @@ _SYSTEM = (
     *("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime"),
 )
 _PROBE = 20.0  # s
+_LOOKS = 0.5  # s from one look at what it has to the next
 _END = 5.0  # s that it has to end by itself
 _MOST_ATTEMPTS = 50
 _TAIL = 200  # lines that are kept
@@ -129,7 +133,7 @@ class EntryLog:
     def _read(self) -> None:
         with self._pipe as pipe:
             while read := pipe.readline(_LONGEST):
-                line = read.decode(errors="replace").strip()
+                line = printable(read.decode(errors="replace")).strip()
                 with self._lock:
                     if not line.startswith(MARK):
                         self._lines += [line] if line else []
@@ -154,8 +158,10 @@ class EntryProcess:
 
         Raises UserError if it cannot be started.
         """
-        arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
-        arguments.append(str(sandbox.limits.memory if sandbox.safe else 0))
+        self._sandbox, self._next_look = sandbox, 0.0
+        limits = sandbox.limits
+        arguments = [str(end.fileno()), str(limits.memory if sandbox.safe else 0)]
+        arguments.append(str(limits.threads))
         try:
             with end:
                 start = _start_inside if sandbox.safe else _start_outside
@@ -178,6 +184,14 @@ class EntryProcess:
         except OSError:
             return 0.0
 
+    def excess(self) -> str | None:
+        """Returns a clause on what it has too much of, or None; it looks now and then only."""
+        now = time.monotonic()
+        if not self._sandbox.safe or now < self._next_look:
+            return None
+        self._next_look = now + _LOOKS
+        return excess_of(self.pid, self._sandbox.limits)
+
     def close(self) -> None:
         """Waits a moment for its end, and ends it."""
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -188,17 +202,32 @@ class EntryProcess:
         self.log.wait()
 
 
+def excess_of(pid: int, limits: Limits) -> str | None:
+    """Returns a clause on what a process in a sandbox has more of than it may, or None.
+
+    That is what the kernel does not refuse: to root, threads; to anybody, empty files.
+    """
+    with contextlib.suppress(OSError):  # it has ended
+        if len(os.listdir(f"/proc/{pid}/task")) > limits.threads:
+            return f"it has more than {limits.threads} threads"
+        for place in WRITABLE:
+            there = os.statvfs(f"/proc/{pid}/root{place}")
+            if there.f_files - there.f_ffree > limits.files:
+                return f"it has more than {limits.files} files in {place}"
+    return None
+
+
 def _start_outside(arguments, end, folder, limits):
     """Starts an entry without a sandbox; returns the process and its number."""
     process = subprocess.Popen(
-        [*arguments, str(folder / TOLD)],
+        module_command(_MODULE, *arguments, str(folder / TOLD)),
         cwd=folder / TOLD,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         pass_fds=(end.fileno(),),
         start_new_session=True,
-        env={**child_environment(), **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
+        env={**os.environ, **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
     )
     return process, process.pid
 
@@ -210,7 +239,8 @@ def _start_inside(arguments, end, folder, limits):
     status, told = os.pipe()
     with open(filter_file, "rb") as rules, open(status, encoding="utf-8") as reader:
         command = [*_bubblewrap(), *_mounts(folder, limits), "--seccomp", str(rules.fileno())]
-        command += ["--json-status-fd", str(told), "--", *arguments, RACE]
+        command += ["--json-status-fd", str(told), "--"]
+        command += [sys.executable, "-P", "-u", "-m", _MODULE, *arguments, RACE]
         try:
             process = subprocess.Popen(
                 command,
@@ -240,7 +270,7 @@ def _mounts(folder: Path, limits: Limits) -> list[str]:
     for path in _SYSTEM:
         mounts += ["--ro-bind-try", path, path]
     mounts += ["--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev"]
-    for place in ("/tmp", "/dev/shm"):  # before what may be in /tmp
+    for place in WRITABLE:  # before what may be in /tmp
         mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", place]
     for place in dict.fromkeys([sys.base_prefix, sys.prefix, str(package), str(models)]):
         mounts += ["--ro-bind", place, place]

@@ -1,20 +1,24 @@
 """A season: what is flown, by which rules, on tracks that nobody knows before."""
 
+import contextlib
 import dataclasses as dc
 import hashlib
 import math
 from pathlib import Path
 
+from pydrake.common.yaml import yaml_dump_typed
+
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
-from airrace.evaluation.jobs import generated_track, given_track
+from airrace.common.words import printable
+from airrace.evaluation.jobs import given_track
+from airrace.math.random import derive
 from airrace.scenario import TRUTH, VIO, load_scenario
 from airrace.track import Track
-from airrace.track.generator import GATE_COUNTS
+from airrace.track.generator import GATE_COUNTS, generate_track
 from airrace.vehicle import DRONES
 
 _MIN_SECRET = 16  # characters
-_SEEDS = 1 << 31
 _ATTEMPTS = 100  # at a seed with a track
 _DRONES = ("Default", "StarOne")
 _LEVELS = (0, 1, 2, 3, 4)
@@ -30,11 +34,15 @@ class Limits:
     step_cpu: float = 0.1
     # s of processor time for one step, after which the race is over: an endless loop.
     step_cpu_end: float = 60.0
-    # s by the wall's clock that the simulation waits for one step, after which the race is over.
-    step_wall: float = 300.0
+    # s by the wall's clock that the simulation waits for one step, and for all steps of a race
+    # together, after which the race is over.
+    step_wall: float = 120.0
+    race_wall: float = 3600.0
     start_wall: float = 300.0  # s that the entry has from its start until it is ready to race
     memory: float = 4.0  # GB that its process may have
     disk: float = 0.25  # GB that it may write to its own /tmp, which is memory as well
+    files: int = 20000  # that it may have there
+    threads: int = 64  # that its process may have
 
 
 @dc.dataclass
@@ -62,6 +70,7 @@ class Season:
         """Raises UserError with one sentence on the first bad value; path: of its file."""
         for ok, sentence in (
             (self.name.strip(), "name must not be empty"),
+            (self.name == printable(self.name), "name has characters that are not seen"),
             (self.levels, "levels must name at least one level"),
             (all(n in _LEVELS for n in self.levels), "levels must be numbers from 0 to 4"),
             (len({*self.levels}) == len(self.levels), "levels must name each level once"),
@@ -95,8 +104,8 @@ class Leg:
 
     number: int  # from 1
     level: int  # of difficulty
-    seed: int  # of track and race; a secret until the season is over
-    track: str  # YAML of the track
+    seed: int  # of all that is random in the race; a secret until the season is over
+    track: str  # YAML of the track, which follows from another seed
     gates: int  # number of them
 
 
@@ -154,22 +163,24 @@ def make_legs(season: Season, secret: str) -> list[Leg]:
     legs = []
     for level in season.levels:
         for i in range(season.tracks):
-            seed, (track, text) = _draw(season, f"{secret}/{level}/{i}")
+            track, text = _draw_track(season, secret, f"level {level} track {i}")
+            seed = derive(secret, f"race level {level} track {i}")
             legs.append(Leg(len(legs) + 1, level, seed, text, len(track.gates)))
     return legs
 
 
-def _draw(season: Season, name: str) -> tuple[int, tuple[Track, str]]:
-    """Returns the seed of a race, and its track and that track's YAML."""
+def _draw_track(season: Season, secret: str, name: str) -> tuple[Track, str]:
+    """Returns the track of a race and its YAML.
+
+    It does not follow from the race's seed: entries see what that draws.
+    """
+    if season.track:
+        return given_track(season.track)
     for attempt in range(_ATTEMPTS):
-        key = hashlib.sha256(f"{name}/{attempt}".encode()).digest()
-        seed = int.from_bytes(key[:8], "big") % _SEEDS
-        if season.track:
-            return seed, given_track(season.track)
-        try:
-            return seed, generated_track(seed, season.gates)
-        except UserError:  # there is none with this seed
-            continue
+        with contextlib.suppress(UserError):  # there is none with this seed
+            track = generate_track(derive(secret, f"{name} attempt {attempt}"), season.gates)
+            track = dc.replace(track, name=name.replace(" ", "-"))
+            return track, yaml_dump_typed(track, schema=Track)
     raise UserError(
         f"No track of {season.gates} gates could be made; take another number of gates."
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from airrace.common.errors import UserError
+from airrace.common.words import printable
 from airrace.evaluation.versions import versions
 from airrace.league.entry import Entry, load_entry
 from airrace.league.sandbox import SandboxConfig
@@ -57,7 +58,7 @@ def _accepted(
             entry = load_entry(name)
             check(entry)
         except UserError as e:
-            refused[Path(name).resolve().name] = str(e)
+            refused[printable(Path(name).resolve().name)] = str(e)
             continue
         if entry.name in entries:
             raise UserError(

@@ -1,12 +1,21 @@
-"""Named random generators, all from the scenario's one seed."""
+"""Named random generators, all from the scenario's one seed.
+
+From what a generator with a short seed has drawn, all seeds can be tried until one fits; then the
+others that it has made are known as well. So a seed that must not be guessed is longer, and its
+generators are derived one by one, so that none of them tells anything of another.
+"""
 
 import functools
+import hashlib
+import hmac
 import zlib
 from collections.abc import Callable
 
 import numpy as np
 
 _BLOCK = 4096
+SHORT = 2**53  # the greatest seed that a number of Drake's can hold
+_long: dict[int, int] = {}  # seeds by their short names
 
 
 def make_generator(seed: int, name: str, block: int = 0) -> np.random.Generator:
@@ -15,9 +24,33 @@ def make_generator(seed: int, name: str, block: int = 0) -> np.random.Generator:
     Sources with different names are independent, so that a new source never
     changes the numbers of the others.
 
-    Args: seed: the scenario's, >= 0. block: of a longer sequence, see NoiseSequence.
+    Args: seed: the scenario's, >= 0, or its short name. block: of a longer sequence, see
+    NoiseSequence.
     """
+    seed = _long.get(seed, seed)
+    if seed > SHORT:
+        return np.random.default_rng(derive(f"{seed}", f"{name} {block}"))
     return np.random.default_rng([seed, zlib.crc32(name.encode()), block])
+
+
+def derive(secret: str, label: str) -> int:
+    """Returns a seed of 256 bits, which tells nothing of the secret or of those of other labels.
+
+    By HMAC (RFC 2104) with SHA-256. secret: that nobody can guess.
+    """
+    return int.from_bytes(hmac.digest(secret.encode(), label.encode(), hashlib.sha256), "big")
+
+
+def short_name(seed: int) -> int:
+    """Returns what stands for a seed where there is room for a short one: itself, if it is short.
+
+    make_generator() knows the long one by it, in this process.
+    """
+    if seed <= SHORT:
+        return seed
+    name = derive(f"{seed}", "short name") % SHORT
+    _long[name] = seed
+    return name
 
 
 class NoiseSequence:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # filling the memory.
 RANGES = {
     "laps": (1, 1000),
-    "seed": (0, 2**53),  # beyond, a number of Drake's has no place for all digits
+    "seed": (0, 2**256),  # beyond 2^53, nobody can find it by trying: see math/random.py
     "camera.width": (16, 8192),
     "camera.height": (16, 8192),
     "camera.fov_y_deg": (1, 170),

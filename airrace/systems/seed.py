@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector
 from pydrake.systems.primitives import LinearSystem
 
+from airrace.math.random import SHORT, short_name
 from airrace.systems.leaf_system import LeafSystem
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ class SeedSource(LeafSystem):
     ``draw`` is a number that SetRandomContext() draws, and SetDefaultContext() makes zero again.
     While it is zero, ``seed`` is the parameter 0 of this system: the scenario's seed, until you
     write another one into a Context. Else it follows from the draw. (In Python a system can't
-    override SetRandomParameters(), so the draw is the state of a LinearSystem.)
+    override SetRandomParameters(), so the draw is the state of a LinearSystem.) A number of Drake's
+    holds 53 bits: a longer seed is there by its short_name().
     """
 
     def __init__(self, seed: int):
@@ -46,7 +48,7 @@ class SeedSource(LeafSystem):
     def _calc_seed(self, context, output):
         (draw,) = self._draw.Eval(context)
         seed = context.get_numeric_parameter(self._seed)[0]
-        if not 0.0 <= seed <= 2.0**53 or seed != int(seed):
+        if not 0.0 <= seed <= SHORT or seed != int(seed):
             raise ValueError(f"The seed of a simulation must be a whole number >= 0, not {seed}.")
         output.SetAtIndex(0, zlib.crc32(struct.pack("d", draw)) if draw else seed)
 
@@ -57,7 +59,7 @@ def AddSeedSource(builder: "DiagramBuilder", seed: int) -> "OutputPort":
     draw = LinearSystem(one, none, one, none, _NEVER)
     draw.configure_random_state(one)
     builder.AddNamedSystem("seed_draw", draw)
-    source = builder.AddNamedSystem("seed_source", SeedSource(seed))
+    source = builder.AddNamedSystem("seed_source", SeedSource(short_name(seed)))
     builder.Connect(draw.get_output_port(), source.GetInputPort("draw"))
     return source.GetOutputPort("seed")
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
+from airrace.common.words import printable
 from airrace.track.start import Start, require
 
 if TYPE_CHECKING:
@@ -167,6 +168,7 @@ class Course(abc.ABC):
     def check(self) -> None:
         """Raises ValueError with one clause that says what is wrong."""
         require(self.name, "it has no name")
+        require(self.name == printable(self.name), "its name has characters that are not seen")
         self.start.check(self._steepest_pad_deg)
         require(
             self._fewest_gates <= len(self.gates) <= MAX_GATES,

@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from airrace.common.errors import UserError
 from airrace.common.immutable import read_only
 from airrace.common.resources import load_yaml, models_path
+from airrace.common.words import printable
 from airrace.vehicle.allocation import wrench_margin
 
 GRAVITY = 9.81  # m/s^2
@@ -162,6 +163,7 @@ class Vehicle:
             return all(np.isfinite(x) and x > 0 for x in numbers)
 
         require(self.name.strip(), "it has no name")
+        require(self.name == printable(self.name), "its name has characters that are not seen")
         require(positive(self.mass), "mass must be a positive number")
         J = self.inertia
         require(len(J) == 3 and positive(*J), "inertia needs three positive numbers")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from airrace.common.words import count
+from airrace.common.words import count, printable
 from airrace.recording import race_events as events
 from airrace.scenario import Scenario
 from airrace.track import Course
@@ -21,7 +21,7 @@ class CourseDisplay:
 
     def note(self, line: str) -> None:
         """Prints a line."""
-        self._console.print(line, markup=False)
+        self._console.print(printable(line), markup=False)
 
     def announce(self, what: str) -> None:
         """Prints what takes some time."""

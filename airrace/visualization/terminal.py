@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
-from airrace.common.words import count
+from airrace.common.words import count, printable
 from airrace.recording import race_events as events
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
@@ -128,7 +128,9 @@ class RaceDisplay:
 
     def _print(self, line: str) -> None:
         """Prints a line as it is: names and paths may look like markup."""
-        self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
+        self._console.print(
+            printable(line), highlight=False, markup=False, emoji=False, soft_wrap=True
+        )
 
     def _take(self, event: events.RaceEvent) -> None:
         match event:

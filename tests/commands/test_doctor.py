@@ -22,7 +22,7 @@ def test_what_is_missing_is_found(monkeypatch, capsys):
     monkeypatch.setattr(computer_checks, "_PACKAGES", ("pydrake", "no_such_package"))
     assert verdict("no_such_package") == BAD
     assert main(["doctor"]) == 1
-    monkeypatch.setattr(computer_checks.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(computer_checks, "processors", lambda: 1)
     assert verdict("processors") == WEAK
     monkeypatch.setattr(
         computer_checks, "real_time_priority", lambda: contextlib.nullcontext(False)

@@ -1,31 +1,10 @@
 import os
-import subprocess
-import sys
 import threading
 
 import pytest
 
-from airrace.common.processes import child_environment, real_time_priority
-
-
-def test_a_child_elsewhere_imports_what_this_process_does(tmp_path, monkeypatch):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "only_here.py").write_text("ANSWER = 42\n")
-    monkeypatch.chdir(tmp_path / "mine")
-    monkeypatch.setattr(sys, "path", ["", *sys.path])
-    monkeypatch.setenv("AIRRACE_TEST", "kept")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "import airrace, only_here, os; print(only_here.ANSWER, os.environ['AIRRACE_TEST'])",
-        ],
-        cwd=tmp_path,
-        env=child_environment(),
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout == "42 kept\n", done.stderr
+from airrace.common import processes
+from airrace.common.processes import processors, real_time_priority
 
 
 def policies():
@@ -61,3 +40,22 @@ def test_what_fails_meanwhile_ends_the_priority():
     with pytest.raises(ZeroDivisionError), real_time_priority():
         raise ZeroDivisionError
     assert policies() == before
+
+
+def test_processors_are_those_that_this_process_may_use(tmp_path, monkeypatch):
+    """By its affinity, and by the quota of any cgroup that it is in."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {*range(64)})
+    monkeypatch.setattr(processes, "_CGROUPS", tmp_path)
+    monkeypatch.setattr(processes, "_OWN_CGROUP", tmp_path / "own")
+    assert processors() == 64
+    (tmp_path / "own").write_text("1:cpu:/elsewhere\n0::/job/step\n")
+    (tmp_path / "job" / "step").mkdir(parents=True)
+    (tmp_path / "job" / "step" / "cpu.max").write_text("max 100000\n")
+    assert processors() == 64
+    (tmp_path / "job" / "cpu.max").write_text("450000 100000\n")
+    assert processors() == 4
+    (tmp_path / "job" / "step" / "cpu.max").write_text("50000 100000\n")
+    assert processors() == 1
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {3, 5})
+    (tmp_path / "own").write_text("0::/\n")
+    assert processors() == 2

@@ -11,6 +11,7 @@ from pydrake.common.yaml import yaml_load_typed
 import airrace.common.resources
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml, models_path
+from airrace.common.words import printable
 
 
 @dc.dataclass
@@ -77,7 +78,7 @@ class TestFindYaml:
         monkeypatch.chdir(tmp_path)
         with pytest.raises(UserError, match="the shipped tracks are: .*student-airrace") as e:
             find_yaml("tracks", name)
-        assert f"no track named '{name}'" in str(e.value)
+        assert f"no track named '{printable(name)}'" in str(e.value)
 
     @given(st.text(max_size=40))
     def test_any_name_is_found_or_explained(self, name):

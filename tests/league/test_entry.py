@@ -34,6 +34,13 @@ def test_the_digest_is_of_the_files_alone(tmp_path):
     assert a.digest == b.digest != c.digest
 
 
+@pytest.mark.parametrize("name", ["yaml", "numba", "json", "airrace", "typing", "sys", "cv2"])
+def test_the_name_of_a_module_is_refused(tmp_path, name):
+    with pytest.raises(UserError, match=f"folder '{name}' has the name of a module") as caught:
+        load_entry(make_entry(tmp_path / name))
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     "text, words",
     [

@@ -23,6 +23,9 @@ class Process:
     def poll(self):
         return self.code
 
+    def excess(self):
+        return None
+
 
 @pytest.fixture
 def link(ends):

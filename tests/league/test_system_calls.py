@@ -21,6 +21,15 @@ X86_64 = {
     "process_vm_writev": 311,
     "io_uring_setup": 425,
     "clone3": 435,
+    "memfd_create": 319,
+    "memfd_secret": 447,
+    "shmget": 29,
+    "semget": 64,
+    "msgget": 68,
+    "mq_open": 240,
+    "userfaultfd": 323,
+    "bpf": 321,
+    "perf_event_open": 298,
 }
 THREAD = 0x00010000 | 0x100  # CLONE_THREAD, CLONE_VM
 
@@ -52,7 +61,12 @@ def test_what_python_needs_is_allowed(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["socket", "fork", "vfork", "ptrace", "process_vm_writev", "io_uring_setup"]
+    "name",
+    [
+        *("socket", "fork", "vfork", "ptrace", "process_vm_writev", "io_uring_setup"),
+        *("memfd_create", "memfd_secret", "shmget", "semget", "msgget", "mq_open"),
+        *("userfaultfd", "bpf", "perf_event_open"),
+    ],
 )
 def test_what_no_entry_needs_is_refused(name):
     assert judged("x86_64", X86_64[name]) == EPERM

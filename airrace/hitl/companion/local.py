@@ -5,14 +5,13 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
-from airrace.common.processes import child_environment
+from airrace.common.python_path import module_command
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 
 
@@ -50,13 +49,12 @@ class LocalAutonomy(Autonomy):
         # A file, not a pipe: neither side waits for the other.
         with open(folder / "log", "wb") as written:
             self._process = subprocess.Popen(
-                [sys.executable, "-u", "-m", "airrace.hitl", "autonomy", *arguments],
+                module_command("airrace.hitl", "autonomy", *arguments),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=written,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env=child_environment(),
             )
         self._lines = open(folder / "log", encoding="utf-8", errors="replace")
 

@@ -139,8 +139,7 @@ class RemoteAutonomy(Autonomy):
             f"PYTHONPATH={board.package}",
             f"{VARIABLE}={patient(1.0)}",
         ]
-        # -P is not given: modules brought along lie in the working directory.
-        program = board.python, "-m", "airrace.hitl", "autonomy", *arguments
+        program = board.python, "-P", "-m", "airrace.hitl", "autonomy", *arguments
         command = shlex.join(["exec", "env", *variables, *program])
         connection = companion.connection()
         connection.put(self._folder, {**files, "command": command.encode()})

@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.immutable import read_only
+from airrace.common.words import printable
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
 
 
@@ -138,4 +139,6 @@ def _decoded(kind, value, may_be_infinite=False):
         check_finite([each for each in value if isinstance(each, float)])
     if kind is float:
         check_finite(value)
+    if kind is str:
+        return printable(value)
     return kind(value)

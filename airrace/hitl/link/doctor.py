@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from airrace.hitl.link.probe import PICTURE, STATE, LinkFindings
@@ -104,5 +105,7 @@ def make_table(rows: list[Row], title: str = "The link between simulation and au
         )
     for row in rows:
         style = _STYLES[row.verdict]
-        table.add_row(*row[:3], f"[{style}]{row.verdict}[/{style}]", row.remedy)
+        table.add_row(
+            *map(escape, row[:3]), f"[{style}]{row.verdict}[/{style}]", escape(row.remedy)
+        )
     return table

@@ -64,6 +64,11 @@ class Exchange:
         self._used = {}  # channel to sequence
         endpoint.keep_all(self._keep, self._is_known)
 
+    @property
+    def waiting(self) -> int:
+        """Number of messages that were kept, and belong to no tick so far."""
+        return len(self._pending) + len(self._beats)
+
     def _is_known(self, channel, sequence):
         if channel == HEARTBEAT:
             return False
@@ -132,7 +137,9 @@ class Exchange:
 
     def _is_complete(self, tick: int) -> bool:
         beat = self._beats.get(tick)
-        return beat is not None and all(
+        if beat is None or len({*beat.channels}) < len(beat.channels):
+            return False
+        return all(
             self._used.get(channel) == sequence or (channel, sequence) in self._pending
             for channel, sequence in zip(beat.channels, beat.sequences)
         )

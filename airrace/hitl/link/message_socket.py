@@ -7,10 +7,9 @@ import select
 import socket
 import struct
 import subprocess
-import sys
 import time
 
-from airrace.common.processes import child_environment
+from airrace.common.python_path import module_command
 from airrace.hitl.link.packets import MAX_SIZE
 
 _LENGTH = struct.Struct(">I")  # of a message, before it
@@ -137,9 +136,8 @@ def start_module(module: str) -> tuple[subprocess.Popen, socket.socket]:
     here, there = socket.socketpair()
     with there:
         process = subprocess.Popen(
-            [sys.executable, "-m", module, str(there.fileno())],
+            module_command(module, str(there.fileno())),
             stdin=subprocess.DEVNULL,
             pass_fds=[there.fileno()],
-            env=child_environment(),
         )
     return process, here

@@ -68,7 +68,9 @@ def check_vtk_available() -> None:
             "(`apt-get install libegl1`) or use `--renderer planar`."
         ) from None
     try:
-        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120)
+        trial = subprocess.run(
+            [sys.executable, "-P", "-c", _PROBE], capture_output=True, timeout=120
+        )
         works = trial.returncode == 0
     except subprocess.TimeoutExpired:
         works = False

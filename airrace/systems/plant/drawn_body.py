@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.systems.framework import BasicVector
 
+from airrace.math.random import short_name
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.seed import declare_seed
 
@@ -47,7 +48,7 @@ class DrawnBody(LeafSystem):
         LeafSystem.__init__(self)
         self._body, self._drawn = body, drawn
         self._seed = declare_seed(self, seed)
-        self._applied = self.DeclareNumericParameter(BasicVector([seed]))
+        self._applied = self.DeclareNumericParameter(BasicVector([short_name(seed)]))
         self.DeclarePeriodicPublishEvent(_PERIOD, _FIRST, self._check)
 
     def set_bodies(

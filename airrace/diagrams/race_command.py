@@ -72,6 +72,10 @@ class RaceOptions(DroneOptions):
         "how long the page stays after the race if somebody watches it, in seconds; 0 = not at all "
         "(default: until Ctrl-C, or until the page is closed)"
     )
+    allow_origin: Annotated[
+        tuple[str, ...], Parameter(group=RUN, metavar="ORIGIN", negative=())
+    ] = ()
+    "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     report: Annotated[bool, Parameter(group=RUN)] = True
     "leave report.html, a page of pictures and tables (default: yes)"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
@@ -151,7 +155,10 @@ def fly(
         contextlib.ExitStack() as pages,
         results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir,
     ):
-        page = pages.enter_context(LivePage(track, options.report)) if options.meshcat else None
+        page: LivePage | None = None
+        if options.meshcat:
+            page = LivePage(track, options.report, options.allow_origin)
+            pages.enter_context(page)
         foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
@@ -160,6 +167,8 @@ def fly(
             console = Console(quiet=True) if quiet else None
             display = RaceDisplay(scenario, track, addresses, console)
             stack.callback(display.close)
+            if page is not None:
+                page.note = display.note
             if options.report:
                 stack.enter_context(report_after(output_dir, display.announce))
             joined: Transport = InProcess()

@@ -89,6 +89,10 @@ class GrandPrixOptions(ScenarioOptions):
     "show the race in a browser and leave a replay (default: yes)"
     linger: Annotated[float | None, Parameter(group=RUN, metavar="S")] = None
     "how long the page stays after the last race, in seconds (default: while somebody watches)"
+    allow_origin: Annotated[
+        tuple[str, ...], Parameter(group=RUN, metavar="ORIGIN", negative=())
+    ] = ()
+    "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
     "what race.mcap holds: light = all signals, full = and pictures (default: full)"
     foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
@@ -186,8 +190,10 @@ def _fly(options: GrandPrixOptions) -> dict:
         def open_page() -> Iterator[LivePage | None]:
             while pages:
                 pages.pop().close()
-            page = LivePage(track) if options.meshcat else None
-            if page is not None:
+            page = None
+            if options.meshcat:
+                page = LivePage(track, allow_origin=options.allow_origin)
+                page.note = display.note
                 pages.append(page)
                 display.note(f"Watch it at {page.url}")
             yield page

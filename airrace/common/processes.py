@@ -3,7 +3,10 @@
 import contextlib
 import os
 import sys
+import threading
 from collections.abc import Iterator
+
+_LOOK = 0.3  # s, between two looks at the parent
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -22,6 +25,28 @@ def child_environment() -> dict[str, str]:
     """
     found = os.pathsep.join(path or os.getcwd() for path in sys.path)
     return {**os.environ, "PYTHONPATH": found}
+
+
+@contextlib.contextmanager
+def bound_to(parent: int) -> Iterator[None]:
+    """Ends this process in the ``with`` block if its parent ends, which may have been killed.
+
+    Args:
+        parent: the number of the process that started this one, as that one knows it: it may have
+            ended before.
+    """
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_LOOK):
+            if os.getppid() != parent:
+                os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, DroneOptions, resolve_scenario
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def add_to(app: App) -> None:
     app.command(race, help_epilogue=EPILOG)
 
 
+@sigterm_as_ctrl_c()
 def race(*, options: RaceOptions = RaceOptions()) -> int:
     """Explore a race track from the drone's camera, map it, and race it."""
     result, _ = fly(options)

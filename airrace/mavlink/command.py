@@ -12,6 +12,7 @@ from cyclopts import App, Group, Parameter
 
 from airrace.common.command_line import Whole
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, ScenarioOptions, resolve_scenario
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def add_to(app: App) -> None:
     app.command(grand_prix, name="grand-prix", help_epilogue=EPILOG)
 
 
+@sigterm_as_ctrl_c()
 def grand_prix(*, options: GrandPrixOptions = GrandPrixOptions()) -> int:
     """Simulate the AI Grand Prix for a client that speaks MAVLink."""
     return 0 if fly_grand_prix(options)["finished"] else 1

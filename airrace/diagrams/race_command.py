@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, DroneOptions, resolve_scenario
 
@@ -172,7 +172,7 @@ def fly(
             if page is not None:
                 page.note = display.note
             if options.report:
-                stack.enter_context(report_after(output_dir, display.announce))
+                stack.enter_context(report_after(output_dir, display.announce, display.note))
             joined: Transport = InProcess()
             if transport is not None:
                 joined = stack.enter_context(transport(scenario, output_dir, display.note))
@@ -203,12 +203,15 @@ def write_graphviz(path: Path, scenario: "Scenario") -> None:
 
 
 @contextlib.contextmanager
-def report_after(folder: Path, announce: Callable[[str], None]) -> Iterator[None]:
-    """Writes report.html after the block; if that raises, nothing else is raised.
+def report_after(
+    folder: Path, announce: Callable[[str], object], note: Callable[[str], object]
+) -> Iterator[None]:
+    """Writes report.html after the block. If it cannot, that is a line: the race was flown.
 
     Args:
         folder: of the race.
         announce: called with what is being done.
+        note: called with the line.
     """
 
     def write():
@@ -223,4 +226,7 @@ def report_after(folder: Path, announce: Callable[[str], None]) -> Iterator[None
         with contextlib.suppress(Exception):
             write()
         raise
-    write()
+    try:
+        write()
+    except Exception as e:
+        note(f"There is no report.html ({words(e)}); try airrace report {folder}.")

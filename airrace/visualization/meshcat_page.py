@@ -36,6 +36,10 @@ def MakeMeshcat(track: "Course") -> Meshcat:
     Raises:
         UserError: if no port is free.
     """
+    drake = logging.getLogger("drake")
+    drake.setLevel(logging.WARNING)  # the programs print the address themselves
+    # Drake warns if a slow page asks for a picture that is gone.
+    drake.addFilter(_is_no_late_page)
     meshcat = HiddenMeshcat()
     meshcat.SetCameraPose(*overview(track))
     # Meshcat's default is a dim studio.
@@ -58,10 +62,6 @@ def HiddenMeshcat() -> Meshcat:
     Raises:
         UserError: if there is no address to listen at.
     """
-    drake = logging.getLogger("drake")
-    drake.setLevel(logging.WARNING)  # the programs print the address themselves
-    # Drake warns if a slow page asks for a picture that is gone.
-    drake.addFilter(_is_no_late_page)
     drawn = f"127.{secrets.randbelow(256)}.{secrets.randbelow(256)}.{1 + secrets.randbelow(254)}"
     reason = ""
     for host in (drawn, _LOOPBACK):  # some computers have only the one address

@@ -47,7 +47,7 @@ def talk(world, conversation, path="/race", origin=None):
             return await asyncio.wait_for(conversation(socket), 20)
         finally:
             socket.close()
-            while await socket.read_message() is not None:  # until it is
+            while await asyncio.wait_for(socket.read_message(), 5) is not None:  # until it is
                 pass
 
     return asyncio.run(run())

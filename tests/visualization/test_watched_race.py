@@ -1,8 +1,9 @@
 """The live view of a whole race."""
 
 import asyncio
-import gc
 import json
+import subprocess
+import sys
 
 import pytest
 import tornado.websocket
@@ -87,4 +88,23 @@ def test_a_race_outlives_its_page(run, hexagon, capfd):
         "ran out of time"
     )
     assert not (folder / "race.html").exists()
-    gc.collect()  # to destroy its Meshcat would abort this process
+
+
+PROGRAM = """
+import gc
+from airrace.track import load_track
+from airrace.visualization.live_page import LivePage
+from tests.visualization.test_watched_race import kill
+page = LivePage(load_track("hexagon"))
+kill(page.meshcat)
+page.close()
+del page
+gc.collect()
+print("goes on")
+"""
+
+
+def test_a_program_outlives_its_dead_page():
+    """Drake aborts a process in which such a Meshcat is destroyed."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout == "goes on\n"

@@ -4,12 +4,15 @@ import importlib
 import platform
 import shutil
 
+import numba
+
 from airrace.common import jit
 from airrace.common.errors import UserError, words
 from airrace.common.processes import processors, real_time_priority
 from airrace.common.resources import PACKAGE
 from airrace.common.version import VERSION
 from airrace.hitl.link.doctor import BAD, GOOD, WEAK, Row
+from airrace.scenario import TRUTH
 
 _FREE = 1.0  # GB, for results; ten laps take 22 MB
 _WRITTEN = 0.2  # GB, less and a race may not fit
@@ -52,9 +55,10 @@ def _vtk() -> Row:
 
 def _machine_code() -> Row:
     what = "inner loops compiled"
-    if jit.is_on_disk():
-        return Row(what, "yes", "before the first race", GOOD, "")
-    remedy = "nothing: the first race compiles them, which takes a minute"
+    folder = numba.config.CACHE_DIR
+    if jit.is_complete(TRUTH):
+        return Row(what, f"yes, in {folder}", "before the first race", GOOD, "")
+    remedy = f"nothing: the first race compiles them into {folder}, which takes a minute"
     return Row(what, "no", "before the first race", WEAK, remedy)
 
 

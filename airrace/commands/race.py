@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import EPILOG, fly
 from airrace.hitl.command import LINK, HitlOptions, fly_hitl
 
@@ -32,6 +33,7 @@ def add_to(app: App) -> None:
     app.command(race, help_epilogue=EPILOG)
 
 
+@sigterm_as_ctrl_c()
 def race(*, options: AnyRaceOptions = AnyRaceOptions()) -> int:
     """Explore a race track from the drone's camera, map it, and race it."""
     result, _ = fly_any(options)

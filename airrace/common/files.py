@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from airrace.common.errors import UserError
+from airrace.common.held_folders import held, remove_abandoned
 
 # What an evaluation leaves in its folder, where no race may be kept.
 EVALUATION = (
@@ -88,6 +89,9 @@ def digest(*paths: Path) -> str:
     return result.hexdigest()[:16]
 
 
+_STAMPED = "[0-9]" * 8 + "T" + "[0-9]" * 6 + "Z-*"  # what run_path() makes
+
+
 def run_path(*names: str) -> Path:
     """Returns runs/<UTC time>-<names>: where results go if nobody says where."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -100,7 +104,8 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
     """Creates a folder for the results of the ``with`` block, and yields its path.
 
     If the block is left by an exception before it has left anything in the folder,
-    whatever was created is removed again.
+    whatever was created is removed again. Where names are made up, empty folders of processes
+    that were killed are removed, too.
 
     Args:
         path: the folder.
@@ -111,6 +116,8 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
     Raises:
         UserError: if it cannot be written to or holds one of those files.
     """
+    if numbered:
+        remove_abandoned(path.parent.glob(_STAMPED), Path.rmdir)
     for copy in itertools.count(1):
         folder = path if copy == 1 else path.with_name(f"{path.name}-{copy}")
         created = [p for p in (folder, *folder.parents) if not os.path.exists(p)]
@@ -132,7 +139,8 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
                 "remove it."
             )
     try:
-        yield folder
+        with held(folder):
+            yield folder
     except BaseException:
         _remove_empty(created)
         raise

@@ -2,7 +2,7 @@
 
 Where Python's own time counts (control loops, pixels), a function is marked
 ``@compiled``. The first call compiles it, which takes seconds; the result is kept on disk
-beside the byte code of this package. Functions marked ``@compilable`` may be called by
+in a folder of its own (machine_code.py). Functions marked ``@compilable`` may be called by
 compiled ones, and stay Python otherwise: with numbers or arrays alike; those marked
 ``@inlined`` too, and they are for innermost loops. What has parts is a NamedTuple of numbers
 and arrays. To hand one over from Python takes Numba longer than a controller computes; so
@@ -15,8 +15,8 @@ import fcntl
 import hashlib
 import math
 import os
-import re
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -28,89 +28,120 @@ import numba
 import numba.core.event
 import numba.extending
 import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.registry import cpu_target
 
-_PACKAGE = Path(__file__).parents[1]
-
-
-def _cache_folder() -> Path:
-    """Returns where the machine code of these very sources is kept.
-
-    Numba notices that the file of a function has changed, but not those of the functions
-    and constants that it uses. So the folder is named after the contents of all files
-    with compiled functions, and of those that define what they import.
-    """
-    files = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
-    compiling = {path for path, text in files.items() if b"airrace.common.jit" in text}
-    used = compiling.union(*(_definitions(path, files) for path in compiling))
-    digest = hashlib.sha256()
-    for path in sorted(used):
-        digest.update(files[path])
-    return _PACKAGE / "__pycache__" / f"machine_code-{digest.hexdigest()[:16]}"
-
-
-def _definitions(path, files, name=None):
-    """Yields the files that define what a file imports from this package.
-
-    Where a package's __init__.py exports a name of another file, that file is among them.
-
-    Args:
-        path: of the file.
-        files: the contents of all, by path.
-        name: the only name to look for; by default all.
-    """
-    pattern = rb"\nfrom %b\.?(\S*) import (?:\(([^)]*)\)|(.*))" % _PACKAGE.name.encode()
-    for module, lines, line in re.findall(pattern, b"\n" + files[path]):
-        folder = _PACKAGE.joinpath(*module.decode().split("."))
-        for item in (lines or line).decode().split(","):
-            words = item.split()  # such as: a, or: a as b
-            if not words or name not in (None, words[-1]):
-                continue
-            places = folder / f"{words[0]}.py", folder.with_suffix(".py"), folder / "__init__.py"
-            for source in [place for place in places if place in files][:1]:
-                yield source
-                yield from _definitions(source, files, words[0])
-
+from airrace.common.errors import UserError, words
+from airrace.common.machine_code import PACKAGE, choose_folder, sources_digest
 
 if not numba.config.CACHE_DIR:  # $NUMBA_CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder())
-
-
-def is_on_disk() -> bool:
-    """Whether machine code of these sources, or some of it, is kept already."""
-    return any(Path(numba.config.CACHE_DIR).rglob("*.nbc"))
+    numba.config.CACHE_DIR = str(choose_folder())
 
 
 def is_complete(what: str) -> bool:
-    """Whether all machine code of something is kept already: set_complete() was called."""
-    return _mark(what).exists()
+    """Whether all machine code of something is kept already, for this processor.
+
+    That is if set_complete() was called, and nothing has been removed since.
+    """
+    try:
+        count = int(_mark(what).read_text())
+    except (OSError, ValueError):
+        return False
+    return _count_kept() >= count
 
 
 def set_complete(what: str) -> None:
     """Notes that all machine code of something is kept, until the sources change."""
-    _mark(what).parent.mkdir(parents=True, exist_ok=True)
-    _mark(what).touch()
+    with contextlib.suppress(OSError):  # then it is looked for again
+        _mark(what).parent.mkdir(parents=True, exist_ok=True)
+        _mark(what).write_text(str(_count_kept()))
 
 
 def _mark(what: str) -> Path:
-    return Path(numba.config.CACHE_DIR) / f"{what}.complete"
+    # Numba takes only what it has compiled itself, for the same processor.
+    maker = numba.__version__, sys.version, cpu_target.target_context.codegen().magic_tuple()
+    name = hashlib.sha256(repr(maker).encode()).hexdigest()[:8]
+    return Path(numba.config.CACHE_DIR) / f"{what}-{name}.complete"
+
+
+def _count_kept() -> int:
+    return sum(1 for _ in Path(numba.config.CACHE_DIR).rglob("*.nbc"))
 
 
 @contextlib.contextmanager
 def locked() -> Iterator[None]:
-    """Lets one process at a time into the ``with`` block: two would compile the same."""
+    """Lets one process at a time into the ``with`` block: two would compile the same.
+
+    Raises:
+        UserError: if nothing can be kept.
+    """
     folder = Path(numba.config.CACHE_DIR)
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("w") as file:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / "lock").open("w")
+    except OSError as e:
+        raise UserError(
+            f"Machine code cannot be kept in {folder} ({words(e)}): make room there, or set "
+            "NUMBA_CACHE_DIR to a folder that you can write to."
+        ) from None
+    with file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def remove_stale() -> None:
-    """Removes the machine code of sources that have changed since."""
-    current = _cache_folder()
-    for folder in current.parent.glob("machine_code-*"):
-        if folder != current:
-            shutil.rmtree(folder, ignore_errors=True)
+    """Removes the machine code of sources that have changed since, if it is beside them."""
+    current = choose_folder(PACKAGE)
+    if current.parent == PACKAGE / "__pycache__":  # else other installations may keep theirs there
+        for folder in current.parent.glob("machine_code-*"):
+            if folder != current:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+class _Locator(_CacheLocator):
+    """Says where the machine code of a function of this package is.
+
+    Numba's own locators go by the path of the source, so that they know nothing any more of a
+    package that was moved, and notice no change in what a function calls.
+    """
+
+    def __init__(self, place: str, line: int):
+        self._place, self._line = place, line
+
+    def get_cache_path(self):
+        return os.path.join(numba.config.CACHE_DIR, self._place)
+
+    def get_source_stamp(self):
+        return sources_digest(PACKAGE)
+
+    def get_disambiguator(self):
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, py_func: Callable, py_file: str) -> "_Locator | None":
+        file = Path(py_file)
+        if not file.is_relative_to(PACKAGE):
+            return None
+        place = ".".join((PACKAGE.name, *file.parent.relative_to(PACKAGE).parts))
+        return cls(place, py_func.__code__.co_firstlineno)
+
+
+class _Results(CompileResultCacheImpl):
+    _locator_classes = (_Locator, *CompileResultCacheImpl._locator_classes)
+
+
+class _Cache(FunctionCache):
+    """Numba's cache on disk; where it cannot be read or written, it is done without."""
+
+    _impl_class = _Results
+
+    def load_overload(self, sig, target_context):
+        with contextlib.suppress(OSError):
+            return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig, data):
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
 
 
 @contextlib.contextmanager
@@ -152,7 +183,7 @@ def compiled[F: Callable](function: F) -> F:
 
     A division by zero gives infinity or NaN there, as with arrays.
     """
-    return numba.njit(cache=True, error_model="numpy")(function)
+    return _kept(numba.njit(error_model="numpy")(function))
 
 
 def compiled_in_threads[F: Callable](function: F) -> F:
@@ -160,7 +191,12 @@ def compiled_in_threads[F: Callable](function: F) -> F:
 
     It must share nothing that it writes with the others, and calls no Python.
     """
-    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    return _kept(numba.njit(error_model="numpy", nogil=True)(function))
+
+
+def _kept(dispatcher):
+    dispatcher._cache = _Cache(getattr(dispatcher, "py_func", dispatcher))
+    return dispatcher
 
 
 @compilable

@@ -2,8 +2,11 @@
 
 import contextlib
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+
+_LOOK = 0.3  # s, between two looks at the parent
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -47,6 +50,28 @@ def _quotas() -> Iterator[float]:
             with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
                 quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
                 yield int(quota) / int(period)
+
+
+@contextlib.contextmanager
+def bound_to(parent: int) -> Iterator[None]:
+    """Ends this process in the ``with`` block if its parent ends, which may have been killed.
+
+    Args:
+        parent: the number of the process that started this one, as that one knows it: it may have
+            ended before.
+    """
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_LOOK):
+            if os.getppid() != parent:
+                os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 @contextlib.contextmanager

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, DroneOptions, resolve_scenario
 
 if TYPE_CHECKING:
@@ -72,6 +73,10 @@ class RaceOptions(DroneOptions):
         "how long the page stays after the race if somebody watches it, in seconds; 0 = not at all "
         "(default: until Ctrl-C, or until the page is closed)"
     )
+    allow_origin: Annotated[
+        tuple[str, ...], Parameter(group=RUN, metavar="ORIGIN", negative=())
+    ] = ()
+    "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     report: Annotated[bool, Parameter(group=RUN)] = True
     "leave report.html, a page of pictures and tables (default: yes)"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
@@ -92,6 +97,7 @@ def add_to(app: App) -> None:
     app.command(race, help_epilogue=EPILOG)
 
 
+@sigterm_as_ctrl_c()
 def race(*, options: RaceOptions = RaceOptions()) -> int:
     """Explore a race track from the drone's camera, map it, and race it."""
     result, _ = fly(options)
@@ -151,7 +157,10 @@ def fly(
         contextlib.ExitStack() as pages,
         results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir,
     ):
-        page = pages.enter_context(LivePage(track, options.report)) if options.meshcat else None
+        page: LivePage | None = None
+        if options.meshcat:
+            page = LivePage(track, options.report, options.allow_origin)
+            pages.enter_context(page)
         foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
@@ -160,8 +169,10 @@ def fly(
             console = Console(quiet=True) if quiet else None
             display = RaceDisplay(scenario, track, addresses, console)
             stack.callback(display.close)
+            if page is not None:
+                page.note = display.note
             if options.report:
-                stack.enter_context(report_after(output_dir, display.announce))
+                stack.enter_context(report_after(output_dir, display.announce, display.note))
             joined: Transport = InProcess()
             if transport is not None:
                 joined = stack.enter_context(transport(scenario, output_dir, display.note))
@@ -192,12 +203,15 @@ def write_graphviz(path: Path, scenario: "Scenario") -> None:
 
 
 @contextlib.contextmanager
-def report_after(folder: Path, announce: Callable[[str], None]) -> Iterator[None]:
-    """Writes report.html after the block; if that raises, nothing else is raised.
+def report_after(
+    folder: Path, announce: Callable[[str], object], note: Callable[[str], object]
+) -> Iterator[None]:
+    """Writes report.html after the block. If it cannot, that is a line: the race was flown.
 
     Args:
         folder: of the race.
         announce: called with what is being done.
+        note: called with the line.
     """
 
     def write():
@@ -212,4 +226,7 @@ def report_after(folder: Path, announce: Callable[[str], None]) -> Iterator[None
         with contextlib.suppress(Exception):
             write()
         raise
-    write()
+    try:
+        write()
+    except Exception as e:
+        note(f"There is no report.html ({words(e)}); try airrace report {folder}.")

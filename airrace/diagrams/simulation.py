@@ -83,9 +83,15 @@ def MakeSimulation(
 def _visualize(builder: DiagramBuilder, world: World) -> None:
     from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig  # takes 0.15 s
 
+    from airrace.visualization.meshcat_page import HiddenMeshcat
+
     config = VisualizationConfig(**vars(world.scenario.visualization))
+    # Drake would make one that the network reaches.
+    meshcat = HiddenMeshcat() if config.enable_meshcat_creation else None
     try:
-        ApplyVisualizationConfig(config, builder, plant=world.plant, scene_graph=world.scene_graph)
+        ApplyVisualizationConfig(
+            config, builder, plant=world.plant, scene_graph=world.scene_graph, meshcat=meshcat
+        )
     except (RuntimeError, SystemExit) as e:  # the last is Drake's for what must not be
         raise UserError(f"visualization cannot be used: {' '.join(str(e).split())}.") from None
 

@@ -2,10 +2,9 @@
 
 import contextlib
 import dataclasses as dc
+import os
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from rich.console import Console
 
 from airrace.common import jit
+from airrace.common.held_folders import temporary_folder
+from airrace.common.processes import bound_to
 from airrace.common.python_path import module_command
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
@@ -114,14 +115,15 @@ def _compile_apart(scenario):
     # The other process has another __main__ than a script or notebook with systems of its own.
     systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}
     scenario = dc.replace(scenario, systems=systems)
-    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        path = Path(folder) / "scenario.yaml"
+    with temporary_folder() as folder, contextlib.ExitStack() as stack:
+        path = folder / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
         command = module_command(__name__, str(path))
         silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         compilers = []
         for part in _PARTS:
-            compiler = subprocess.Popen([*command, part], **silent)
+            words = [*command, part, str(os.getpid())]
+            compiler = subprocess.Popen(words, **silent)
             compilers.append(stack.enter_context(compiler))
             stack.callback(compiler.kill)  # of no use any more, should this be interrupted
         codes = [compiler.wait() for compiler in compilers]
@@ -140,4 +142,5 @@ _PARTS = {
 }
 
 if __name__ == "__main__":
-    _PARTS[sys.argv[2]](load_scenario(filename=sys.argv[1]))
+    with bound_to(int(sys.argv[3])):
+        _PARTS[sys.argv[2]](load_scenario(filename=sys.argv[1]))

@@ -13,6 +13,7 @@ from pathlib import Path
 from airrace.common import jit
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
+from airrace.common.processes import bound_to
 from airrace.common.resources import load_yaml
 from airrace.common.tick_times import LoopTimes
 from airrace.hitl.handover import Compiling, Ended, Message, Playing, Setup, SocketHandover, Warm
@@ -82,7 +83,8 @@ def navigate(setup: Setup, handover: SocketHandover) -> None:
     # The worker starts now, so that it is there when the first lap is to be planned.
     with contextlib.closing(PlanningWorker(scenario)) as worker:
         with jit.watched(lambda count: handover.send(Compiling(count))):
-            warm_up_navigator(scenario, setup.briefly)
+            with bound_to(os.getppid()):  # it has just sent the setup
+                warm_up_navigator(scenario, setup.briefly)
         handover.send(Playing())
         share = play_navigator(scenario, setup.duration).sum() / setup.duration
         bus, output_dir = open_lcm(setup.lcm_url), Path(setup.output_dir)

@@ -1,12 +1,11 @@
 """Compiles what both sides of a link call before a race: in real time there is no time for it."""
 
 import dataclasses as dc
-import tempfile
-from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from airrace.common.held_folders import temporary_folder
 from airrace.diagrams.race import MakeRace
 from airrace.hitl.playback import LINK, NavigatorPlayback, PilotPlayback
 from airrace.hitl.simulated_link import SimulatedRemote
@@ -24,8 +23,8 @@ def warm_up(scenario: Scenario) -> None:
     first called (see airrace/common/jit.py).
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    with tempfile.TemporaryDirectory() as folder:
-        transport = SimulatedRemote(scenario, LINK, Path(folder))
+    with temporary_folder() as folder:
+        transport = SimulatedRemote(scenario, LINK, folder)
         simulator = Simulator(MakeRace(scenario, transport=transport))
         simulator.Initialize()
         transport.begin(simulator)
@@ -63,5 +62,5 @@ def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
 def play_navigator(scenario: Scenario, duration: float) -> np.ndarray:
     """Flies the navigator alone by made-up messages, and forgets it; see play_pilot()."""
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    with tempfile.TemporaryDirectory() as folder:
-        return NavigatorPlayback(scenario, Path(folder)).play(duration)
+    with temporary_folder() as folder:
+        return NavigatorPlayback(scenario, folder).play(duration)

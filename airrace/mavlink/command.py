@@ -12,6 +12,7 @@ from cyclopts import App, Group, Parameter
 
 from airrace.common.command_line import Whole
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, ScenarioOptions, resolve_scenario
 
 if TYPE_CHECKING:
@@ -89,6 +90,10 @@ class GrandPrixOptions(ScenarioOptions):
     "show the race in a browser and leave a replay (default: yes)"
     linger: Annotated[float | None, Parameter(group=RUN, metavar="S")] = None
     "how long the page stays after the last race, in seconds (default: while somebody watches)"
+    allow_origin: Annotated[
+        tuple[str, ...], Parameter(group=RUN, metavar="ORIGIN", negative=())
+    ] = ()
+    "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
     "what race.mcap holds: light = all signals, full = and pictures (default: full)"
     foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
@@ -100,6 +105,7 @@ def add_to(app: App) -> None:
     app.command(grand_prix, name="grand-prix", help_epilogue=EPILOG)
 
 
+@sigterm_as_ctrl_c()
 def grand_prix(*, options: GrandPrixOptions = GrandPrixOptions()) -> int:
     """Simulate the AI Grand Prix for a client that speaks MAVLink."""
     return 0 if fly_grand_prix(options)["finished"] else 1
@@ -186,8 +192,10 @@ def _fly(options: GrandPrixOptions) -> dict:
         def open_page() -> Iterator[LivePage | None]:
             while pages:
                 pages.pop().close()
-            page = LivePage(track) if options.meshcat else None
-            if page is not None:
+            page = None
+            if options.meshcat:
+                page = LivePage(track, allow_origin=options.allow_origin)
+                page.note = display.note
                 pages.append(page)
                 display.note(f"Watch it at {page.url}")
             yield page

@@ -1,6 +1,7 @@
 """The topics of race.mcap while the race goes on, for Foxglove."""
 
 import collections
+import logging
 from typing import Any
 
 import foxglove
@@ -43,6 +44,8 @@ class FoxgloveServer:
         Raises:
             UserError: if the port is taken.
         """
+        # Clients that send rubbish or go away must not fill the terminal.
+        logging.getLogger("foxglove.websocket").setLevel(logging.CRITICAL)
         # Not the SDK's global context, and not that of a file: a message that is sent again
         # must not be written again. It is kept, as channels close with their context.
         self._context = foxglove.Context()

@@ -30,6 +30,7 @@ def replay(
     align: Literal["start", "lap"] = "start",
     lap: Whole | None = None,
     html: Annotated[Path | None, Parameter(metavar="FILE")] = None,
+    allow_origin: Annotated[tuple[str, ...], Parameter(metavar="ORIGIN", negative=())] = (),
 ) -> int:
     """Show one or several runs of a track again, together, from their race.mcap.
 
@@ -40,6 +41,8 @@ def replay(
             --lap (default: start)
         lap: the lap that --align lap begins with (default: 1)
         html: write a page that opens offline, and exit
+        allow_origin: a proxy that the page is opened through, such as https://hub.example.org;
+            may be repeated
     """
     from rich.console import Console
 
@@ -47,8 +50,10 @@ def replay(
     from airrace.common.errors import UserError
     from airrace.common.files import write_text
     from airrace.visualization.ghosts import make_ghosts, replay_page
+    from airrace.visualization.loopback_server import Visitors
     from airrace.visualization.page_server import serve_page
 
+    visitors = Visitors(allow_origin)
     if lap is not None and align != "lap":
         raise UserError("--lap needs --align lap.")
     with Console(stderr=True).status("Reading ...") as status:
@@ -63,7 +68,7 @@ def replay(
         print(f"Replay: {html}")
         return 0
     try:
-        serve_page(page, lambda url: print(f"Watch it at {url} ; Ctrl-C ends it."))
+        serve_page(page, lambda url: print(f"Watch it at {url} ; Ctrl-C ends it."), visitors)
     except KeyboardInterrupt:
         pass
     return 0

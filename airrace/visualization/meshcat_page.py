@@ -1,6 +1,7 @@
 """The page: a Meshcat server that shows a track, and who watches it."""
 
 import logging
+import secrets
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, ZENITH
@@ -23,10 +24,11 @@ if TYPE_CHECKING:
     from airrace.track import Course
 
 _OPENING = 3.0  # s, for which a page that opens is left alone
+_LOOPBACK = "127.0.0.1"
 
 
 def MakeMeshcat(track: "Course") -> Meshcat:
-    """Starts a Meshcat server on loopback that shows a track on a fine day.
+    """Starts a Meshcat server, see HiddenMeshcat(), that shows a track on a fine day.
 
     Args:
         track: the airrace.track.Track.
@@ -38,13 +40,7 @@ def MakeMeshcat(track: "Course") -> Meshcat:
     drake.setLevel(logging.WARNING)  # the programs print the address themselves
     # Drake warns if a slow page asks for a picture that is gone.
     drake.addFilter(_is_no_late_page)
-    try:
-        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
-    except RuntimeError as e:
-        raise UserError(
-            f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close another program "
-            "that uses Meshcat, or race with --no-meshcat."
-        ) from None
+    meshcat = HiddenMeshcat()
     meshcat.SetCameraPose(*overview(track))
     # Meshcat's default is a dim studio.
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 2.0)
@@ -54,6 +50,29 @@ def MakeMeshcat(track: "Course") -> Meshcat:
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     return meshcat
+
+
+def HiddenMeshcat() -> Meshcat:
+    """Starts a Meshcat server where no web site finds it.
+
+    Meshcat takes WebSockets of pages from anywhere, and one byte ends its thread. So it listens
+    at an address of loopback, 127.0.0.0/8, and at a port, that are both drawn: of 2^38 together,
+    too many to be tried by a page in a browser. Programs of this computer can look them up.
+
+    Raises:
+        UserError: if there is no address to listen at.
+    """
+    drawn = f"127.{secrets.randbelow(256)}.{secrets.randbelow(256)}.{1 + secrets.randbelow(254)}"
+    reason = ""
+    for host in (drawn, _LOOPBACK):  # some computers have only the one address
+        try:
+            return Meshcat(MeshcatParams(host=host, port=0, show_stats_plot=False))
+        except RuntimeError as e:
+            reason = str(e).rstrip(".")
+    raise UserError(
+        f"Nothing can be shown in a browser ({reason}); close another program that uses Meshcat, "
+        "or race with --no-meshcat."
+    )
 
 
 def _is_no_late_page(record: logging.LogRecord) -> bool:
@@ -82,6 +101,32 @@ def draw_bodies(meshcat: Meshcat, add: Callable[[MultibodyPlant, SceneGraph], ob
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, MeshcatVisualizerParams())
     diagram = builder.Build()
     diagram.ForcedPublish(diagram.CreateDefaultContext())
+
+
+class SceneDrawing:
+    """Draws the scene of a Simulation in a Meshcat, from outside of its diagram.
+
+    The two share nothing: whatever becomes of the Meshcat, the simulation goes on.
+    """
+
+    def __init__(self, meshcat: Meshcat, simulation: Diagram):
+        """Args: meshcat: to draw in. simulation: see MakeSimulation(), with ``visible=True``."""
+        self._scene_graph = simulation.GetSubsystemByName("scene_graph")
+        builder = DiagramBuilder()
+        self._copy = builder.AddSystem(self._scene_graph.Clone())
+        MeshcatVisualizer.AddToBuilder(builder, self._copy, meshcat, MeshcatVisualizerParams())
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+
+    def draw(self, root_context: Context) -> None:
+        """Draws all bodies where they are; root_context: of the diagram with the simulation."""
+        theirs = self._scene_graph.GetMyContextFromRoot(root_context)
+        ours = self._copy.GetMyMutableContextFromRoot(self._context)
+        for i in range(self._copy.num_input_ports()):
+            poses = self._scene_graph.get_input_port(i)
+            if poses.HasValue(theirs):
+                self._copy.get_input_port(i).FixValue(ours, poses.Eval(theirs))
+        self._diagram.ForcedPublish(self._context)
 
 
 class Audience:

@@ -4,29 +4,25 @@ import asyncio
 import concurrent.futures
 import gc
 import json
-import socket
+import re
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import tornado.httpclient
-import tornado.httpserver
-import tornado.iostream
-import tornado.tcpclient
 import tornado.web
 import tornado.websocket
 
-from airrace.common.errors import UserError
 from airrace.visualization.controls import PaceRequest
+from airrace.visualization.loopback_server import Handler, SocketHandler, Visitors, serve
 from airrace.visualization.race_record import Cursor, RaceRecord
 
-_HOST, _LOOPBACK = "localhost", "127.0.0.1"
-_PORTS = range(7100, 7200)
 _PERIOD = 1 / 20  # s, between two batches that a page is sent
-_MESHCAT = r"/(favicon\.ico|cas-v1/.*)"  # what its page asks for
-_CHUNK = 1 << 16  # bytes
-_NAP = 0.02  # s, in which small pieces of Meshcat's data gather
+_MESHCAT = r"/(favicon\.ico|cas-v1/\w+)"  # what its page asks for
+_SCENE = 1 << 28  # bytes, of one message of Meshcat's
+# What a connection raises that one side has closed.
+_GONE = (OSError, tornado.httpclient.HTTPError, tornado.websocket.WebSocketClosedError)
 # Files of a race that its page links to.
 FILES = {"race.html": "replay", "report.html": "report", "race.json": "race.json"}
 
@@ -36,16 +32,17 @@ class Source(NamedTuple):
 
     #: From Meshcat's HTML to the page; raises KeyError while there is none yet.
     make_page: Callable[[str], str]
-    meshcat_port: int  #: of Drake's Meshcat on this computer
+    meshcat: str  #: host and port of Drake's Meshcat on this computer
     record: RaceRecord  #: of the race
     pace: PaceRequest  #: that pages ask for
+    visitors: Visitors = Visitors()  #: who may ask
 
 
 class PageServer:
     """A web server on loopback: the page, the race's record as it grows, and Drake's Meshcat.
 
-    Meshcat has a server of its own. What is not ours is handed through to it, so that the
-    page needs one port only.
+    Meshcat has a server of its own. What it says is handed on from there, so that the page needs
+    one port only, and Meshcat hears no page.
     """
 
     def __init__(self, source: Source):
@@ -65,8 +62,7 @@ class PageServer:
         ready: concurrent.futures.Future = concurrent.futures.Future()
         self._thread = threading.Thread(target=self._run, args=(ready,), daemon=True)
         self._thread.start()
-        port, self._loop, self._stop = ready.result()
-        self.url = f"http://{_HOST}:{port}"
+        self.url, self._loop, self._stop = ready.result()
 
     def _run(self, ready):
         try:
@@ -77,20 +73,14 @@ class PageServer:
 
     async def _serve(self, ready):
         stop = asyncio.Event()
-        application = tornado.web.Application(
-            [
-                (r"/", _PageHandler, {"source": self._source}),
-                (r"/race", _RaceSocket, {"source": self._source, "server": self}),
-                (rf"/({'|'.join(FILES)})", _FileHandler, {"server": self}),
-                (_MESHCAT, _MeshcatHandler, {"source": self._source}),
-            ],
-            websocket_max_message_size=1 << 12,
-            log_function=lambda handler: None,
-        )
-        server = tornado.httpserver.HTTPServer(application)
-        listener = _bind()
-        server.add_socket(listener)
-        ready.set_result((listener.getsockname()[1], asyncio.get_running_loop(), stop))
+        rules = [
+            (r"/", _PageHandler, {"source": self._source}),
+            (r"/race", _RaceSocket, {"source": self._source, "server": self}),
+            (rf"/({'|'.join(map(re.escape, FILES))})", _FileHandler, {"server": self}),
+            (_MESHCAT, _MeshcatHandler, {"source": self._source}),
+        ]
+        server, url = serve(rules, self._source.visitors)
+        ready.set_result((url, asyncio.get_running_loop(), stop))
         await stop.wait()
         server.stop()
         for client in list(self._clients):
@@ -118,63 +108,51 @@ class PageServer:
             self._thread.join(5.0)
 
 
-def _bind() -> socket.socket:
-    """Returns a socket that listens on loopback."""
-    for port in _PORTS:
-        try:
-            listener = socket.create_server((_LOOPBACK, port))
-        except OSError:
-            continue
-        listener.setblocking(False)
-        return listener
-    raise UserError(
-        f"The race's page cannot be served: all ports from {_PORTS[0]} to {_PORTS[-1]} are "
-        "taken; close another program, or race with --no-meshcat."
-    )
-
-
-def serve_page(html: str, announce: Callable[[str], object]) -> None:
+def serve_page(
+    html: str, announce: Callable[[str], object], visitors: Visitors = Visitors()
+) -> None:
     """Serves one page on loopback until KeyboardInterrupt.
 
     Args:
         html: the page.
         announce: is called with its address.
+        visitors: who may ask.
 
     Raises:
         UserError: if no port is free.
     """
 
-    class Handler(tornado.web.RequestHandler):
+    class Page(Handler):
         def get(self):
             self.finish(html)
 
-    class NoIcon(tornado.web.RequestHandler):
+    class NoIcon(Handler):
         """Browsers ask for one, and a 404 would stand in their console as an error."""
 
         def get(self):
             self.set_status(204)
 
-    async def serve():
-        application = tornado.web.Application(
-            [(r"/", Handler), (r"/favicon\.ico", NoIcon)], log_function=lambda handler: None
-        )
-        listener = _bind()
-        tornado.httpserver.HTTPServer(application).add_socket(listener)
-        announce(f"http://{_HOST}:{listener.getsockname()[1]}")
+    async def run():
+        _, url = serve([(r"/", Page), (r"/favicon\.ico", NoIcon)], visitors)
+        announce(url)
         await asyncio.Event().wait()
 
-    asyncio.run(serve())
+    asyncio.run(run())
 
 
-class _PageHandler(tornado.web.RequestHandler):
-    """The page; and on the same path, as Drake's page wants it, Meshcat's WebSocket."""
+class _PageHandler(SocketHandler):
+    """The page; and on the same path, as Drake's page wants it, a WebSocket with the scene.
+
+    Meshcat's messages are handed on to the page. What the page says ends here: Meshcat must not
+    hear it, since what it cannot read ends its thread.
+    """
 
     def initialize(self, source):
         self._source = source
 
-    async def get(self):
+    async def get(self, *args, **kwargs):
         if self.request.headers.get("Upgrade", "").lower() == "websocket":
-            await self._hand_through()
+            await super().get(*args, **kwargs)
             return
         try:
             html = (await _fetch(self._source, "")).body.decode()
@@ -183,49 +161,41 @@ class _PageHandler(tornado.web.RequestHandler):
             self.set_header("Refresh", "1")
             self.finish("The race is being prepared.")
 
-    async def _hand_through(self):
-        """Joins the browser with Meshcat's server; what they say is none of our business."""
-        request = self.request
-        origin = request.headers.get("Origin", "")
-        if origin and origin.split("://")[-1] != request.host:
-            raise tornado.web.HTTPError(403)
-        try:
-            theirs = await tornado.tcpclient.TCPClient().connect(
-                _LOOPBACK, self._source.meshcat_port
-            )
-        except OSError:
-            raise tornado.web.HTTPError(502) from None
-        lines = [f"{request.method} {request.uri} HTTP/1.1"]
-        lines += [f"{name}: {value}" for name, value in request.headers.get_all()]
-        ours = self.detach()
-        await theirs.write("\r\n".join([*lines, "", ""]).encode())
-        await asyncio.gather(_pump(ours, theirs, 0.0), _pump(theirs, ours, _NAP))
+    def open(self, *args, **kwargs):
+        self._task = asyncio.ensure_future(self._hand_on())  # it lives as long as it is kept
 
-
-async def _pump(source, sink, nap):
-    """Hands bytes through until one side closes; nap: to gather small pieces (s)."""
-    try:
-        while True:
-            data = await source.read_bytes(_CHUNK, partial=True)
-            await sink.write(data)
-            if len(data) < _CHUNK:
-                await asyncio.sleep(nap)
-    except tornado.iostream.StreamClosedError:
+    def on_message(self, message):
         pass
-    finally:
-        source.close()
-        sink.close()
+
+    def on_close(self):
+        self._task.cancel()
+
+    async def _hand_on(self):
+        """Hands on what Meshcat says, until one side closes."""
+        meshcat = None
+        try:
+            meshcat = await tornado.websocket.websocket_connect(
+                f"ws://{self._source.meshcat}", max_message_size=_SCENE
+            )
+            while (message := await meshcat.read_message()) is not None:
+                await self.write_message(message, binary=isinstance(message, bytes))
+        except _GONE:
+            pass
+        finally:
+            if meshcat is not None:
+                meshcat.close()
+            self.close()
 
 
 async def _fetch(source, path):
     client = tornado.httpclient.AsyncHTTPClient()
     try:
-        return await client.fetch(f"http://{_LOOPBACK}:{source.meshcat_port}/{path}")
-    except (OSError, tornado.httpclient.HTTPError):
+        return await client.fetch(f"http://{source.meshcat}/{path}")
+    except _GONE:
         raise tornado.web.HTTPError(404) from None
 
 
-class _MeshcatHandler(tornado.web.RequestHandler):
+class _MeshcatHandler(Handler):
     """Files that Meshcat's page asks for."""
 
     def initialize(self, source):
@@ -237,7 +207,7 @@ class _MeshcatHandler(tornado.web.RequestHandler):
         self.finish(answer.body)
 
 
-class _FileHandler(tornado.web.RequestHandler):
+class _FileHandler(Handler):
     """Files that a race left, when it has ended."""
 
     def initialize(self, server):
@@ -252,7 +222,7 @@ class _FileHandler(tornado.web.RequestHandler):
         self.finish(path.read_bytes())
 
 
-class _RaceSocket(tornado.websocket.WebSocketHandler):
+class _RaceSocket(SocketHandler):
     """Sends a page what is new of the record; a slow one gets more at once, and less often."""
 
     def initialize(self, source, server):
@@ -268,7 +238,7 @@ class _RaceSocket(tornado.websocket.WebSocketHandler):
     def on_message(self, message):
         try:
             self._source.pace.receive(json.loads(message))
-        except ValueError:
+        except (ValueError, RecursionError):
             pass  # no page of ours sends it
 
     async def _send(self):
@@ -288,5 +258,5 @@ class _RaceSocket(tornado.websocket.WebSocketHandler):
                 if batch:
                     await self.write_message(json.dumps(batch, allow_nan=False))
                 await asyncio.sleep(_PERIOD)
-        except tornado.websocket.WebSocketClosedError:
+        except _GONE:
             pass

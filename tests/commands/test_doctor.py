@@ -28,7 +28,7 @@ def test_what_is_missing_is_found(monkeypatch, capsys):
         computer_checks, "real_time_priority", lambda: contextlib.nullcontext(False)
     )
     assert verdict("real-time priority") == WEAK
-    monkeypatch.setattr(computer_checks.jit, "is_on_disk", lambda: False)
+    monkeypatch.setattr(computer_checks.jit, "is_complete", lambda what: False)
     assert verdict("inner loops compiled") == WEAK
     usage = computer_checks.shutil.disk_usage(".")._replace(free=1e6)
     monkeypatch.setattr(computer_checks.shutil, "disk_usage", lambda path: usage)

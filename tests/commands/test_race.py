@@ -13,9 +13,10 @@ import yaml
 
 from airrace.commands.app import main as command
 from airrace.common import files
+from airrace.common.errors import UserError
 from airrace.common.resources import models_path
 from airrace.diagrams import race, race_command, warm_up
-from airrace.diagrams.race_command import EPILOG, RaceOptions, race_scenario
+from airrace.diagrams.race_command import EPILOG, RaceOptions, race_scenario, report_after
 from airrace.scenario import load_scenario, scenario_yaml
 from tests.worlds.cases import first
 from tests.worlds.command_line import parse
@@ -540,3 +541,19 @@ class TestOutput:
         assert process.stderr.splitlines()[-1] == "ValueError: a mistake"
         data = json.loads((folder / "out" / "race.json").read_text())
         assert data["dnf_reason"] == "stopped by an error"
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no fonts"), UserError("report.html is full.")])
+def test_a_report_that_cannot_be_written_is_a_line(tmp_path, monkeypatch, error):
+    def fail(folder):
+        raise error
+
+    monkeypatch.setattr("airrace.analysis.report.write_report", fail)
+    lines = []
+    with report_after(tmp_path, str, lines.append):
+        pass
+    reason = str(error).rstrip(".")
+    assert lines == [f"There is no report.html ({reason}); try airrace report {tmp_path}."]
+    with pytest.raises(KeyError), report_after(tmp_path, str, lines.append):
+        raise KeyError  # what ended the race is what counts
+    assert len(lines) == 1

@@ -2,14 +2,17 @@
 
 import math
 import os
+import shutil
 import subprocess
 import sys
+import types
 
 import numba
 import numpy as np
 import pytest
 
 from airrace.common import jit
+from airrace.common.errors import UserError
 from airrace.common.jit import all_finite, compilable, compiled, inlined
 
 
@@ -78,27 +81,30 @@ def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
         lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n"
     )
     (package / "other.py").write_text("pass\n")
-    program = f"""
+    program = """
 import os, sys
 from pathlib import Path
-from unittest import mock
-sys.path.insert(0, {str(tmp_path)!r})
+sys.path.insert(0, sys.argv[1])
 import numba
 from airrace.common import jit
-jit._PACKAGE = Path({str(package)!r})
-numba.config.CACHE_DIR = str(jit._cache_folder())
+jit.PACKAGE = Path(sys.argv[1]) / "package"
+numba.config.CACHE_DIR = str(jit.choose_folder(jit.PACKAGE))
 jit.remove_stale()
 from package.outer import g
 print(g(1), sum(g.stats.cache_hits.values()))
 """
 
-    def run():
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    def run(folder=tmp_path):
+        command = [sys.executable, "-c", program, str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return tuple(done.stdout.split())
 
     assert run() == ("2", "0")
     assert run() == ("2", "1")
+    # Neither the place nor the times of the files count.
+    shutil.copytree(package, tmp_path / "elsewhere/package", copy_function=shutil.copy)
+    assert run(tmp_path / "elsewhere") == ("2", "1")
     (package / "other.py").write_text("changed = True\n")
     assert run() == ("2", "1")
     (package / "inner.py").write_text(inner.replace("@", "\n\n@"))
@@ -112,7 +118,7 @@ print(g(1), sum(g.stats.cache_hits.values()))
 
 @pytest.mark.slow
 def test_importing_airrace_prints_nothing_deletes_nothing_and_compiles_nothing(tmp_path):
-    old = jit._PACKAGE / "__pycache__" / "machine_code-of_a_test"
+    old = jit.PACKAGE / "__pycache__" / "machine_code-of_a_test"
     old.mkdir(parents=True)
     program = """
 import importlib, pkgutil, airrace
@@ -131,6 +137,45 @@ for module in pkgutil.walk_packages(airrace.__path__, "airrace."):
         assert old.is_dir() and not list(tmp_path.rglob("*.nbc"))
     finally:
         old.rmdir()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where machine code is kept, empty."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "code"))
+    return tmp_path / "code"
+
+
+def test_it_is_complete_until_something_is_removed(folder):
+    assert not jit.is_complete("truth")
+    with jit.locked():
+        kept = folder / "airrace.common" / "a-1.py312.1.nbc"
+        kept.parent.mkdir()
+        kept.touch()
+        jit.set_complete("truth")
+    assert jit.is_complete("truth") and not jit.is_complete("vio")
+    kept.unlink()
+    assert not jit.is_complete("truth")
+
+
+def test_machine_code_of_another_processor_is_not_complete(folder, monkeypatch):
+    jit.set_complete("truth")
+    other = ("x86_64-unknown-linux-gnu", "another", "+avx512f")
+    codegen = types.SimpleNamespace(magic_tuple=lambda: other)
+    context = types.SimpleNamespace(codegen=lambda: codegen)
+    monkeypatch.setattr(jit, "cpu_target", types.SimpleNamespace(target_context=context))
+    assert not jit.is_complete("truth")
+
+
+def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(folder):
+    folder.write_text("no folder")
+    kept = numba.njit(lambda x: x + 1)
+    kept._cache = jit._Cache(all_finite.py_func)  # as that of a function of the package
+    assert kept(1) == 2
+    with pytest.raises(UserError, match=r"cannot be kept in .*set NUMBA_CACHE_DIR"), jit.locked():
+        pass
+    jit.set_complete("truth")
+    assert not jit.is_complete("truth")
 
 
 def test_what_is_compiled_is_counted_meanwhile():

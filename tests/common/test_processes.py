@@ -1,10 +1,14 @@
 import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import pytest
 
 from airrace.common import processes
-from airrace.common.processes import processors, real_time_priority
+from airrace.common.processes import bound_to, processors, real_time_priority
 
 
 def policies():
@@ -59,3 +63,38 @@ def test_processors_are_those_that_this_process_may_use(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {3, 5})
     (tmp_path / "own").write_text("0::/\n")
     assert processors() == 2
+
+
+CHILD = """
+import os, sys, time
+from airrace.common.processes import bound_to
+with bound_to(int(sys.argv[1])):
+    print(os.getpid(), flush=True)
+    time.sleep(60.0)
+"""
+PARENT = f"""
+import os, subprocess, sys
+subprocess.run([sys.executable, "-c", {CHILD!r}, str(os.getpid())])
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_child_ends_with_its_parent_however_that_ends(number):
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE) as parent:
+        assert int(parent.stdout.readline()) != parent.pid
+        parent.send_signal(number)
+        assert parent.wait() == -number
+        start = time.monotonic()
+        assert parent.stdout.read() == b""  # it ends when the child does, which holds it open
+    assert time.monotonic() - start < 30.0
+
+
+def test_a_child_whose_parent_has_ended_before_ends_too():
+    done = subprocess.run([sys.executable, "-c", CHILD, "1"], timeout=30, capture_output=True)
+    assert done.returncode == 1
+
+
+def test_a_process_that_is_bound_no_more_goes_on():
+    with bound_to(1):
+        pass
+    time.sleep(0.4)

@@ -159,8 +159,8 @@ def test_the_check_finds_a_leak_under_another_name(monkeypatch):
     """The plant's state behind a port called state_estimate is no sensor's reading."""
     make_simulation = race_module.MakeSimulation
 
-    def make_leaky_simulation(scenario, meshcat=None):
-        simulation = make_simulation(scenario, meshcat)
+    def make_leaky_simulation(scenario, **options):
+        simulation = make_simulation(scenario, **options)
         builder = DiagramBuilder()
         builder.AddSystem(simulation)
         truth = builder.AddSystem(Multiplexer([1, 13]))

@@ -1,13 +1,20 @@
 """Compiling before a race."""
 
+import os
+import signal
 import subprocess
 import sys
 import threading
+import time
+from pathlib import Path
+from unittest import mock
 
 import numba
 import pytest
 
 from airrace.common import jit
+from airrace.common.files import results_folder
+from airrace.common.held_folders import temporary_folder
 from airrace.diagrams import warm_up
 from airrace.scenario import TRUTH, VIO, Scenario, load_scenario
 from tests.worlds.cases import first
@@ -96,3 +103,49 @@ def make_tracker(scenario):
     from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 
     return TrajectoryTracker()
+
+
+def children(pid):
+    """Returns the processes that a process has started, as Linux tells it."""
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def runs(pid):
+    """Whether a process is there, and has not ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", first([signal.SIGTERM, signal.SIGKILL]))
+def test_a_race_that_is_killed_while_it_compiles_leaves_nothing(tmp_path, number):
+    folders = {name: tmp_path / name for name in ("code", "temporary", "runs")}
+    for folder in folders.values():
+        folder.mkdir()
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folders["code"])}
+    environment["TMPDIR"] = str(folders["temporary"])
+    words = ["--track", "hexagon", "--no-meshcat"]
+    command = [sys.executable, "-m", "airrace", "race", *words]
+    with subprocess.Popen(
+        command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as race:
+        while len(compilers := children(race.pid)) < 2:
+            assert race.poll() is None
+            time.sleep(0.05)
+        race.send_signal(number)
+        assert race.wait(30.0) == (1 if number == signal.SIGTERM else -number)
+    deadline = time.monotonic() + 30.0
+    while any(map(runs, compilers)):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    left = [*folders["temporary"].iterdir(), *folders["runs"].iterdir()]
+    assert len(left) == (0 if number == signal.SIGTERM else 2)
+    for folder in left:  # as if it was some time ago
+        os.utime(folder, (0.0, 0.0))
+    run = folders["runs"] / "20260101T000000Z-next"
+    with results_folder(run, numbered=True), mock.patch("tempfile.tempdir", environment["TMPDIR"]):
+        with temporary_folder():
+            pass
+    assert not any(folder.exists() for folder in left)

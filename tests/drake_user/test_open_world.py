@@ -1,5 +1,7 @@
 """Bodies, sensors, forces and views of the user's own, in the world of a race."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from drake import lcmt_image_array
@@ -58,6 +60,25 @@ def test_directives_put_a_tower_in_the_way(tmp_path):
 def test_what_drake_cannot_use(text, words):
     with pytest.raises(UserError, match=words):
         MakeSimulation(load_scenario(scenario_text=text))
+
+
+def listening():
+    """Returns the addresses at which somebody listens, as Linux tells them."""
+    rows = [
+        line.split()
+        for table in ("/proc/net/tcp", "/proc/net/tcp6")
+        for line in Path(table).read_text().splitlines()[1:]
+    ]
+    return {row[1] for row in rows if row[3] == "0A"}
+
+
+def test_drakes_own_meshcat_is_on_this_computer_only(monkeypatch):
+    monkeypatch.setenv("LCM_DEFAULT_URL", "memq://")
+    before = listening()
+    simulation = MakeSimulation(load_scenario(scenario_text="{visualization: {}}"))
+    assert simulation.HasSubsystemNamed("meshcat_visualizer(illustration)")
+    new = listening() - before
+    assert new and all(address.endswith("7F", 0, 8) for address in new)  # 127.x.y.z
 
 
 def test_the_visualization_is_drakes():

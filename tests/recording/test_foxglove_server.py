@@ -114,3 +114,14 @@ def test_a_port_that_is_taken(server):
     port = int(server.url.rpartition(":")[2])
     with pytest.raises(UserError, match=f"at port {port} .*; close the other program"):
         FoxgloveServer(port)
+
+
+def test_whatever_a_client_sends_the_terminal_stays_quiet(server, capfd, caplog):
+    async def conversation(client):
+        unknown = {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99999}]}
+        for message in (json.dumps(unknown), "[" * 1000, "no JSON", b"\xff" * 10):
+            await client.write_message(message, binary=isinstance(message, bytes))
+        return await advertised(client, len(TOPICS))
+
+    talk(server, conversation)
+    assert capfd.readouterr() == ("", "") and not caplog.records

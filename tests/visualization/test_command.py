@@ -100,3 +100,15 @@ def test_runs_of_other_tracks(runs, tmp_path, hexagon):
     other = load_run(make_run(tmp_path / "other", track=hexagon))
     with pytest.raises(UserError, match="was flown on another track"):
         make_ghosts([runs[0], other])
+
+
+def test_a_replay_is_served_to_the_proxies_that_are_named(folder, monkeypatch):
+    served = []
+    monkeypatch.setattr(
+        "airrace.visualization.page_server.serve_page", lambda *args: served.append(args[-1])
+    )
+    origin = "https://hub.example.org"
+    assert main([str(folder / "one"), "--allow_origin", "http://a", "--allow_origin", origin]) == 0
+    assert served[0].may_ask("hub.example.org", origin) and served[0].may_ask("a", "http://a")
+    assert not served[0].may_ask("b", None)
+    assert main([str(folder / "one"), "--allow_origin", "hub.example.org"]) == 2

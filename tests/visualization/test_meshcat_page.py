@@ -5,13 +5,33 @@ import types
 import numpy as np
 import pytest
 
+from airrace.common.errors import UserError
 from airrace.track import load_track
 from airrace.visualization import meshcat_page
-from airrace.visualization.meshcat_page import Audience, overview
+from airrace.visualization.meshcat_page import Audience, HiddenMeshcat, overview
 
 
-def test_serves_on_loopback_only(meshcat):
-    assert re.match(r"http://(localhost|127\.0\.0\.1):\d+$", meshcat.web_url())
+def test_serves_on_loopback_only_and_where_nobody_looks(meshcat):
+    addresses = {meshcat.web_url(), HiddenMeshcat().web_url()}
+    assert len(addresses) == 2
+    for address in addresses:
+        host, port = re.match(r"http://(127\.\d+\.\d+\.\d+):(\d+)$", address).groups()
+        assert host != "127.0.0.1" and not 7000 <= int(port) < 8000
+
+
+def test_a_computer_with_one_address_of_loopback_has_a_page(monkeypatch):
+    made = meshcat_page.Meshcat
+
+    def only_here(params):
+        if params.host != "127.0.0.1":
+            raise RuntimeError("Failed to listen.")
+        return made(params)
+
+    monkeypatch.setattr(meshcat_page, "Meshcat", only_here)
+    assert HiddenMeshcat().web_url().startswith("http://127.0.0.1:")
+    monkeypatch.setattr(meshcat_page, "_LOOPBACK", "127.0.0.2")
+    with pytest.raises(UserError, match="Failed to listen"):
+        HiddenMeshcat()
 
 
 def test_overview_looks_down_at_the_middle_of_the_track():

@@ -65,3 +65,10 @@ def test_what_a_page_is_told_of_a_track(config, hexagon):
     assert 2.0 < config["maxThrust"] < 10.0
     assert len(config["speedColors"][0]) == 3
     json.dumps(config, allow_nan=False)
+
+
+def test_a_page_below_a_path_of_a_proxy_finds_all_that_it_asks_for():
+    for file in FOLDER.iterdir():
+        text = file.read_text(encoding="utf-8")
+        assert not re.search(r"location\.(host|origin|protocol)|(src|href)=\"/", text), file.name
+    assert 'new URL("race", location.href' in (FOLDER / "live.js").read_text(encoding="utf-8")

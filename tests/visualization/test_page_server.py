@@ -12,7 +12,7 @@ import tornado.httpclient
 import tornado.websocket
 
 from airrace.common.errors import UserError
-from airrace.visualization import page_server
+from airrace.visualization import loopback_server
 from airrace.visualization.controls import PaceRequest
 from airrace.visualization.page_server import PageServer, Source
 from airrace.visualization.race_record import EVENTS, RaceRecord
@@ -22,7 +22,9 @@ from airrace.visualization.race_record import EVENTS, RaceRecord
 def world(meshcat):
     """A server, and what it serves."""
     record, pace = RaceRecord(), PaceRequest()
-    source = Source(lambda html: html + "<!-- ours -->", meshcat.port(), record, pace)
+    source = Source(
+        lambda html: html + "<!-- ours -->", meshcat.web_url().removeprefix("http://"), record, pace
+    )
     server = PageServer(source)
     yield types.SimpleNamespace(server=server, record=record, pace=pace, url=server.url)
     server.close()
@@ -45,7 +47,7 @@ def talk(world, conversation, path="/race", origin=None):
             return await asyncio.wait_for(conversation(socket), 20)
         finally:
             socket.close()
-            while await socket.read_message() is not None:  # until it is
+            while await asyncio.wait_for(socket.read_message(), 5) is not None:  # until it is
                 pass
 
     return asyncio.run(run())
@@ -126,6 +128,34 @@ def test_meshcats_own_messages_come_through(world, meshcat):
         time.sleep(0.05)
 
 
+@pytest.mark.parametrize("message", [b"\xde", b"\xdd\xff\xff\xff\xff", b'\x81\xa4"type"', "text"])
+def test_nothing_that_a_page_says_reaches_meshcat(world, meshcat, message):
+    meshcat.SetProperty("a_path_of_ours", "visible", False)
+
+    async def conversation(socket):
+        await socket.write_message(message, binary=isinstance(message, bytes))
+        while b"a_path_of_ours" not in await socket.read_message():
+            pass
+        await asyncio.sleep(0.1)  # in which it would end
+
+    talk(world, conversation, "/")
+    assert meshcat.GetNumActiveConnections() >= 0  # raises if it has ended
+
+
+@pytest.mark.parametrize("message", ["[" * 4000, '{"rate": 1e999}', '{"pause": 1}', b"\xff\xfe"])
+def test_what_makes_no_sense_is_left_out(world, message):
+    world.pace.begin(1.0)
+
+    async def conversation(socket):
+        await socket.write_message(message, binary=isinstance(message, bytes))
+        await socket.write_message('{"rate": 0.25}')
+        while (await batch_with(socket, "controls"))["controls"]["rate"] != 0.25:
+            pass
+
+    talk(world, conversation)
+    assert world.pace.now == (False, 0.25)
+
+
 def test_only_results_are_served_and_only_after_the_race(world, tmp_path):
     (tmp_path / "race.json").write_text("{}")
     (tmp_path / "secret").write_text("secret")
@@ -157,7 +187,9 @@ def test_who_does_not_read_keeps_nobody_waiting(world):
 
 
 def test_two_servers_have_two_ports(world, meshcat):
-    other = PageServer(Source(str, meshcat.port(), RaceRecord(), PaceRequest()))
+    other = PageServer(
+        Source(str, meshcat.web_url().removeprefix("http://"), RaceRecord(), PaceRequest())
+    )
     assert other.url != world.url
     other.close()
     other.close()  # may be called again
@@ -165,6 +197,6 @@ def test_two_servers_have_two_ports(world, meshcat):
 
 def test_no_port_is_free(world, monkeypatch):
     port = int(world.url.rpartition(":")[2])
-    monkeypatch.setattr(page_server, "_PORTS", range(port, port + 1))
+    monkeypatch.setattr(loopback_server, "_PORTS", range(port, port + 1))
     with pytest.raises(UserError, match="are taken; close another program"):
-        PageServer(Source(str, 1, RaceRecord(), PaceRequest()))
+        PageServer(Source(str, "127.0.0.1:1", RaceRecord(), PaceRequest()))

@@ -1,8 +1,12 @@
 """The live view of a whole race."""
 
+import asyncio
 import json
+import subprocess
+import sys
 
 import pytest
+import tornado.websocket
 
 from airrace.diagrams.race import run_race
 from airrace.scenario import load_scenario
@@ -23,13 +27,13 @@ def run(tmp_path, hexagon, monkeypatch):
     """Flies the beginning of a race, in which the first gate is found."""
     monkeypatch.setattr("airrace.visualization.live_page.Audience", _Watched)
 
-    def run(name, page=None, text="{}"):
+    def run(name, page=None, text="{}", time_limit=6.0, sinks=()):
         scenario = load_scenario(scenario_text=text)
         scenario.track = hexagon
-        scenario.referee.time_limit = 6.0
+        scenario.referee.time_limit = time_limit
         folder = tmp_path / name
         folder.mkdir()
-        run_race(scenario, folder, page=page)
+        run_race(scenario, folder, page=page, sinks=sinks)
         return folder
 
     return run
@@ -53,3 +57,54 @@ def test_a_race_that_is_watched_is_the_same_race(run, hexagon, text):
     assert all(len(picture["markers"]) > 1 for picture in told["pictures"])
     assert told["over"]["finished"] is False and "time" in told["over"]["reason"]
     assert '"mode":"replay"' in (folders[1] / "race.html").read_text()
+
+
+def kill(meshcat):
+    """Sends a Meshcat what it cannot read, past the page's server, and waits for its end."""
+
+    async def send():
+        url = meshcat.web_url().replace("http", "ws")
+        socket = await tornado.websocket.websocket_connect(url)
+        await socket.write_message(b"\xde", binary=True)
+        while await socket.read_message() is not None:
+            pass
+
+    asyncio.run(send())
+
+
+def test_a_race_outlives_its_page(run, hexagon, capfd):
+    lines, events = [], []
+
+    def watch(event):
+        events.append(event)
+        if len(events) == 5:
+            kill(page.meshcat)
+
+    with LivePage(load_track(hexagon)) as page:
+        page.note = lines.append
+        folder = run("watched", page, "{recording: {content: none}}", time_limit=1.5, sinks=[watch])
+    assert len(lines) == 1 and lines[0].startswith("The page is gone (Meshcat's internal websocket")
+    assert json.loads((folder / "race.json").read_text())["dnf_reason"].startswith(
+        "ran out of time"
+    )
+    assert not (folder / "race.html").exists()
+
+
+PROGRAM = """
+import gc
+from airrace.track import load_track
+from airrace.visualization.live_page import LivePage
+from tests.visualization.test_watched_race import kill
+page = LivePage(load_track("hexagon"))
+kill(page.meshcat)
+page.close()
+del page
+gc.collect()
+print("goes on")
+"""
+
+
+def test_a_program_outlives_its_dead_page():
+    """Drake aborts a process in which such a Meshcat is destroyed."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout == "goes on\n"

@@ -121,7 +121,7 @@ def MakeRace(
             cannot be written.
     """
     builder = DiagramBuilder()
-    simulation = builder.AddSystem(MakeSimulation(scenario, page and page.meshcat))
+    simulation = builder.AddSystem(MakeSimulation(scenario, visible=page is not None))
     try:
         autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
     except RuntimeError as e:  # only systems of the scenario's own can have such ports
@@ -181,6 +181,7 @@ class _Race:
     def start(self):
         """Initializes simulation and autonomy."""
         self._simulator.Initialize()
+        self._draw()
         self._transport.begin(self._simulator)
 
     def fly(self, interrupted: types.SimpleNamespace) -> str | None:
@@ -191,6 +192,7 @@ class _Race:
             reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
             self._set_bodies(self._simulator.get_mutable_context())
             self._look()
+            self._draw()
             if self._controls is not None:
                 self._controls.steer(lambda: interrupted.is_set)
         return reason
@@ -253,8 +255,12 @@ class _Race:
     def _tell_end(self, data):
         """Tells the page how the race ended."""
         if self._page is not None:
-            self._page.record.end(self._simulator.get_context().get_time(), data)
+            self._page.end(self._simulator.get_context(), data)
+
+    def _draw(self):
+        if self._page is not None:
+            self._page.draw(self._simulator.get_context())
 
     def _save_replay(self):
         if self._page is not None:
-            write_text(self._folder / "race.html", self._page.replay())
+            self._page.save_replay(self._folder / "race.html")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from airrace.common.errors import UserError
+from airrace.common.held_folders import temporary_folder
 from airrace.common.patience import patient
 from airrace.common.python_path import module_command
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
@@ -21,18 +22,17 @@ class LocalCompanion(Companion):
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> "LocalAutonomy":
-        folder = None
+        held = contextlib.ExitStack()
         try:
-            folder = Path(tempfile.mkdtemp(prefix="airrace-"))
+            folder = held.enter_context(temporary_folder())
             (folder / OUTPUT).mkdir()
             for name, contents in files.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(contents)
-            self._running.append(LocalAutonomy(arguments, folder, log))
+            self._running.append(LocalAutonomy(arguments, folder, held, log))
         except OSError as e:
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
+            held.close()
             raise UserError(
                 f"The autonomy cannot be started here ({e.strerror}); make room in "
                 f"{tempfile.gettempdir()}, or end other programs."
@@ -43,9 +43,19 @@ class LocalCompanion(Companion):
 class LocalAutonomy(Autonomy):
     """A process of this computer."""
 
-    def __init__(self, arguments: Sequence[str], folder: Path, log: Callable[[str], None]):
-        """Starts it in its working directory, with its files there; may raise OSError."""
-        self._log, self._folder, self._rest = log, folder, ""
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        held: contextlib.ExitStack,
+        log: Callable[[str], None],
+    ):
+        """Starts it in its working directory, with its files there; may raise OSError.
+
+        Args: arguments: of its command line. folder: the directory. held: removes it. log: is
+        called with what it says.
+        """
+        self._log, self._folder, self._held, self._rest = log, folder, held, ""
         # A file, not a pipe: neither side waits for the other.
         with open(folder / "log", "wb") as written:
             self._process = subprocess.Popen(
@@ -90,4 +100,4 @@ class LocalAutonomy(Autonomy):
 
     def remove(self) -> None:
         self._lines.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._held.close()

@@ -11,7 +11,9 @@ export class LiveFeed extends EventTarget {
   }
 
   connect() {
-    this.socket = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/race`);
+    // Relative to the page, which a proxy may have put below a path of its own.
+    const address = new URL("race", location.href.replace(/^http/, "ws"));
+    this.socket = new WebSocket(address);
     this.socket.onmessage = (message) => this.receive(JSON.parse(message.data));
     this.socket.onopen = () => this.set({ open: true });
     // After the end everything stays as it is: there is nothing to connect to again.

@@ -10,6 +10,7 @@ import yaml
 from pydrake.common.yaml import yaml_load, yaml_load_typed
 
 from airrace.common.errors import UserError
+from airrace.common.plain_values import WORDS
 
 PACKAGE = Path(__file__).resolve().parents[1]  # the folder of airrace's code
 
@@ -29,7 +30,7 @@ def models_path() -> Path:
     )
 
 
-def find_yaml(kind: str, name_or_file: str) -> Path:
+def find_yaml(kind: str, name_or_file: str | os.PathLike[str]) -> Path:
     """Returns the path of a shipped YAML file by name, or of any by path.
 
     Args:
@@ -39,6 +40,7 @@ def find_yaml(kind: str, name_or_file: str) -> Path:
     Raises:
         UserError: if there is neither.
     """
+    name_or_file = os.fspath(name_or_file)
     folder = models_path() / kind
     # os.path: pathlib's is_file() raises on names that are too long.
     if "/" not in name_or_file and os.path.isfile(folder / f"{name_or_file}.yaml"):
@@ -113,9 +115,9 @@ def _misfit(schema, document, child_name):
 
 
 def _value_misfit(name, schema, value):
-    if schema in _WORDS:
+    if schema in WORDS:
         fits = _fits(schema, value)
-        return None if fits else f"{name} must be {_WORDS[schema]}, not {value!r}"
+        return None if fits else f"{name} must be {WORDS[schema]}, not {value!r}"
     args = typing.get_args(schema)
     if type(None) in args:  # Optional
         return None if value is None else _value_misfit(name, args[0], value)
@@ -137,9 +139,6 @@ def _value_misfit(name, schema, value):
             return f"{prefix}{unknown[0]} is unknown; {hint}"
         items = ((f"{prefix}{key}", types[key], item) for key, item in value.items())
     return next(filter(None, (_value_misfit(*item) for item in items)), None)
-
-
-_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
 
 
 def _fits(schema: type, value: Any) -> bool:

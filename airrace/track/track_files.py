@@ -1,6 +1,7 @@
 """Tracks from their files, whatever kind of gates they have."""
 
 import functools
+import os
 from pathlib import Path
 from typing import Literal, overload
 
@@ -14,14 +15,14 @@ from airrace.track.track import Track
 
 
 @overload
-def load_track(name_or_file: str, *, markers: Literal[True]) -> Track: ...
+def load_track(name_or_file: str | os.PathLike[str], *, markers: Literal[True]) -> Track: ...
 
 
 @overload
-def load_track(name_or_file: str, *, markers: bool = False) -> Course: ...
+def load_track(name_or_file: str | os.PathLike[str], *, markers: bool = False) -> Course: ...
 
 
-def load_track(name_or_file: str, *, markers: bool = False) -> Course:
+def load_track(name_or_file: str | os.PathLike[str], *, markers: bool = False) -> Course:
     """Loads and checks a track.
 
     Args:

@@ -37,6 +37,7 @@ from airrace.envs.reward import (
 from airrace.envs.spectator import Spectator
 from airrace.envs.start import draw_start, hover_start
 from airrace.scenario import scenario_yaml
+from airrace.systems.contract import finite_number, name_of
 from airrace.systems.policy.command_scale import scaled
 from airrace.systems.policy.gates_observation import (
     GATE_SIZE,
@@ -148,7 +149,9 @@ class RaceEnv(gymnasium.Env):
         if not isinstance(self._options.reward, RewardWeights):
             gate = self._gates()[passed_before % len(self._track.gates)]
             flown = before, self._state(), action, gate, self._passed > passed_before
-            value = float(self._options.reward(StepInfo(*flown, self._outcome, value)))
+            given = self._options.reward(StepInfo(*flown, self._outcome, value))
+            who = f"The reward {name_of(self._options.reward)}()"
+            value = finite_number(who, given)
         terminated = self._outcome != RUNNING
         truncated = not terminated and self._steps >= self._options.steps
         self._over = terminated or truncated

@@ -329,3 +329,14 @@ def test_numbers_of_numpy_and_paths_are_options(tmp_path):
     options = dict(track=path, laps=np.int64(1), gates=2.0, level=np.int32(0))
     with RaceEnv(**options, step=np.float32(0.5), time_limit=3) as env:
         assert env.reset(seed=0)[0].shape == (43,)
+
+
+@pytest.mark.parametrize("reward", [None, "much", float("nan"), [1.0, 2.0]])
+def test_a_reward_that_is_no_number_is_named(reward):
+    def mine(step):
+        return reward
+
+    with RaceEnv(reward=mine) as env:
+        env.reset(seed=0)
+        with pytest.raises(UserError, match=r"The reward .*mine\(\) gave .*a finite number"):
+            env.step(np.zeros(4))

@@ -75,9 +75,29 @@ def make_plain(config: Any, prefix: str = "") -> None:
         setattr(config, field.name, plain(prefix + field.name, types[field.name], value))
 
 
+def plain_tree(name: str, value: Any) -> Any:
+    """Returns dicts and lists of plain values, as JSON and YAML have them.
+
+    Args: name: of the whole, in the sentence of an error.
+
+    Raises:
+        UserError: naming what has no place there.
+    """
+    if isinstance(value, dict):
+        return {key: plain_tree(f"{name}[{key!r}]", each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
+        return [plain_tree(f"{name}[{i}]", each) for i, each in enumerate(value)]
+    if value is None or type(value) in WORDS:
+        return value
+    for schema in (str, bool, int, float):
+        if (result := _converted(schema, value)) is not None:
+            return result
+    raise UserError(f"{name} must be a number, text, a list or a dict, not {value!r}.")
+
+
 def _converted(schema, value):
     """Returns a value as an instance of bool, int, float or str; None if it is none."""
-    if isinstance(value, np.generic):
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim):
         value = value.item()
     if schema is str:
         path = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None

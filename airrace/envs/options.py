@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump
 
 from airrace.common.errors import UserError
-from airrace.common.plain_values import plain, whole_number
+from airrace.common.plain_values import plain, plain_tree, whole_number
 from airrace.envs import action
 from airrace.envs.reward import RewardWeights
 from airrace.envs.start import STARTS
@@ -137,7 +137,9 @@ def make_scenario(options: EnvOptions) -> Scenario:
     Raises:
         UserError: naming the field and the remedy.
     """
-    text = options.scenario if isinstance(options.scenario, str) else yaml_dump(options.scenario)
+    text = options.scenario
+    if not isinstance(text, str):
+        text = yaml_dump(plain_tree("scenario", text))
     scenario = load_scenario(
         filename="levels", scenario_name=f"Level{options.level}", scenario_text=text
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.common.plain_values import make_plain, plain, whole_number
+from airrace.common.plain_values import make_plain, plain, plain_tree, whole_number
 
 
 @dc.dataclass
@@ -76,3 +76,15 @@ def test_whole_numbers_of_a_range():
     with pytest.raises(UserError, match="count must be a whole number from 1 on, not 0"):
         whole_number("count", 0, 1)
     assert plain("rate", float, 3) == 3.0
+
+
+def test_trees_of_values():
+    tree = {"a": [np.int64(1), np.array(2.5), Path("b")], "c": {"d": (np.bool_(True), None)}}
+    tree["e"] = np.array([[1.0], [2.0]])
+    assert plain_tree("it", tree) == {
+        "a": [1, 2.5, "b"],
+        "c": {"d": [True, None]},
+        "e": [[1.0], [2.0]],
+    }
+    with pytest.raises(UserError, match=r"it\['a'\]\[1\] must be a number, text, a list or a dict"):
+        plain_tree("it", {"a": [1, {2}]})

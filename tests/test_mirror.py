@@ -91,6 +91,7 @@ systems/perception/pose_refinement.py    systems/perception/test_marker_pose.py
 systems/planning/lap_plan.py             systems/planning/test_lap_planner.py
 systems/planning/laps.py                 systems/planning/test_lap_planning.py
 systems/planning/min_snap_laps.py        systems/planning/test_lap_planning.py
+systems/planning/plan_checks.py           systems/planning/test_lap_planner.py
 systems/planning/time_optimal_laps.py    systems/planning/test_lap_planning.py
 systems/plant/drawn_body.py              drake_user/test_random.py
 systems/policy/command_switch.py         systems/policy/test_policy_controller.py

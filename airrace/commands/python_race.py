@@ -9,6 +9,7 @@ from typing import Any
 from airrace.analysis.run import Run, load_run
 from airrace.commands.race import AnyRaceOptions, fly_any
 from airrace.common.errors import UserError
+from airrace.common.plain_values import plain_tree
 
 
 def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> Run:
@@ -38,7 +39,7 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
     if fields is not None:
         if "scenario_text" in options:
             raise UserError("fields and scenario_text say the same: leave one out.")
-        options["scenario_text"] = json.dumps(fields)  # which is YAML, too
+        options["scenario_text"] = json.dumps(plain_tree("fields", fields))  # which is YAML, too
     for name in ("output", "graphviz", "identity", "wheels"):
         if options.get(name) is not None:
             options[name] = Path(options[name])

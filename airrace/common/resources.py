@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_load, yaml_load_typed
+from pydrake.common.yaml import yaml_load_typed
 
 from airrace.common.errors import UserError
+from airrace.common.plain_values import WORDS
+from airrace.common.strict_yaml import plain_data, read_yaml
 
 PACKAGE = Path(__file__).resolve().parents[1]  # the folder of airrace's code
 
@@ -29,7 +31,7 @@ def models_path() -> Path:
     )
 
 
-def find_yaml(kind: str, name_or_file: str) -> Path:
+def find_yaml(kind: str, name_or_file: str | os.PathLike[str]) -> Path:
     """Returns the path of a shipped YAML file by name, or of any by path.
 
     Args:
@@ -39,6 +41,7 @@ def find_yaml(kind: str, name_or_file: str) -> Path:
     Raises:
         UserError: if there is neither.
     """
+    name_or_file = os.fspath(name_or_file)
     folder = models_path() / kind
     # os.path: pathlib's is_file() raises on names that are too long.
     if "/" not in name_or_file and os.path.isfile(folder / f"{name_or_file}.yaml"):
@@ -76,23 +79,16 @@ def load_yaml[T](
         UserError: naming the file and what is wrong with it.
     """
     source = str(filename) if data is None else f"{what} '{' '.join(data.split())}'"
+    text = read_yaml(source, filename=filename, data=data)
     try:
-        return yaml_load_typed(
-            schema=schema, filename=filename and str(filename), data=data, **kwargs
-        )
-    except UnicodeDecodeError:
-        raise UserError(f"{source} is not a text file; give a YAML file.") from None
-    except OSError as e:
-        raise UserError(f"{source} cannot be read: {e.strerror}.") from None
-    except yaml.YAMLError as e:
+        return yaml_load_typed(schema=schema, data=text, **kwargs)
+    except (yaml.YAMLError, RecursionError) as e:  # such as a tag of another language
+        problem = getattr(e, "problem", None) or "it is nested too deeply"
         mark = getattr(e, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark else ""
-        problem = getattr(e, "problem", None) or "it cannot be parsed"
         raise UserError(f"{source} is not valid YAML{where}: {problem}.") from None
-    except RecursionError:
-        raise UserError(f"{source} is not valid YAML: it is nested too deeply.") from None
     except Exception as e:  # Drake's loader raises bare RuntimeError, KeyError, ...
-        document = yaml_load(filename=filename and str(filename), data=data, private=True)
+        document = plain_data(text)
         reason = _misfit(schema, document, kwargs.get("child_name")) or " ".join(str(e).split())
         raise UserError(f"{source} does not fit its schema: {reason.rstrip('.')}.") from None
 
@@ -113,9 +109,9 @@ def _misfit(schema, document, child_name):
 
 
 def _value_misfit(name, schema, value):
-    if schema in _WORDS:
+    if schema in WORDS:
         fits = _fits(schema, value)
-        return None if fits else f"{name} must be {_WORDS[schema]}, not {value!r}"
+        return None if fits else f"{name} must be {WORDS[schema]}, not {value!r}"
     args = typing.get_args(schema)
     if type(None) in args:  # Optional
         return None if value is None else _value_misfit(name, args[0], value)
@@ -137,9 +133,6 @@ def _value_misfit(name, schema, value):
             return f"{prefix}{unknown[0]} is unknown; {hint}"
         items = ((f"{prefix}{key}", types[key], item) for key, item in value.items())
     return next(filter(None, (_value_misfit(*item) for item in items)), None)
-
-
-_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
 
 
 def _fits(schema: type, value: Any) -> bool:

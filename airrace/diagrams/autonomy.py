@@ -5,14 +5,15 @@ plans, which takes as long as it takes. In SITL and in lockstep both are in one 
 time each has a diagram, and a process, of its own, so that the drone is controlled while it thinks.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from airrace.common.errors import UserError
+from airrace.diagrams.checked_ports import checked_outputs
 from airrace.diagrams.own_systems import make_system
 from airrace.diagrams.variants import Variant, variant_of
-from airrace.diagrams.wiring import connect_by_name, export_inputs, export_outputs, outputs_of
+from airrace.diagrams.wiring import Port, connect_by_name, export_inputs, export_outputs, outputs_of
 from airrace.scenario import Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.perception.rectifier import Rectifier
@@ -79,14 +80,15 @@ def _make_part(
     systems = make_systems(scenario, names)
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
-    made = {
-        name: _output(systems[port.system], port.name)
-        for name, port in variant.outputs.items()
-        if port.system in systems
-    }
-    export_outputs(builder, made, made)
-    sources = {name: port for name, port in made.items() if name not in given}
     try:
+        ports = checked_outputs(builder, systems, scenario)
+        made = {
+            name: _output(ports, port)
+            for name, port in variant.outputs.items()
+            if port.system in systems
+        }
+        export_outputs(builder, made, made)
+        sources = {name: port for name, port in made.items() if name not in given}
         sinks = list(systems.values())
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
         if bends:
@@ -108,10 +110,10 @@ def _make_part(
     return diagram
 
 
-def _output(system: System, name: str) -> OutputPort:
-    if not system.HasOutputPort(name):
-        raise UserError(f"The system {system.get_name()} must have an output port '{name}'.")
-    return system.GetOutputPort(name)
+def _output(ports: Mapping[Port, OutputPort], port: Port) -> OutputPort:
+    if port not in ports:
+        raise UserError(f"The system {port.system} must have an output port '{port.name}'.")
+    return ports[port]
 
 
 def _rectified(builder: DiagramBuilder, sinks: list[System]) -> dict[str, OutputPort]:

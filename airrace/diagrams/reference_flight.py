@@ -12,6 +12,7 @@ from pydrake.systems.primitives import ConstantValueSource
 from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.autonomy import make_systems
+from airrace.diagrams.checked_ports import checked_outputs
 from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.diagrams.wiring import connect_by_name, export_outputs, outputs_of
 from airrace.scenario import Scenario
@@ -78,13 +79,13 @@ def MakeFlight(scenario: Scenario, reference: Callable[[float], np.ndarray]) -> 
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario))
-    systems = [
-        builder.AddNamedSystem(name, system)
-        for name, system in make_systems(scenario, CONTROL).items()
-    ]
+    named = make_systems(scenario, CONTROL)
+    systems = [builder.AddNamedSystem(name, system) for name, system in named.items()]
     source = builder.AddNamedSystem("reference_source", ReferenceSource(reference))
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
-    sources = outputs_of(simulation, source, *systems)
+    made = checked_outputs(builder, named, scenario)
+    sources = {port.name: output for port, output in made.items()}
+    sources |= outputs_of(simulation, source)
     sources["explorer_status"] = status.get_output_port()
     told = {name: port for name, port in sources.items() if not name.startswith("truth.")}
     connect_by_name(builder, (simulation, *systems), told)

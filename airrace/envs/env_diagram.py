@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.diagrams.autonomy import make_systems
+from airrace.diagrams.checked_ports import checked_outputs
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.wiring import connect_by_name, export_inputs, export_outputs, outputs_of
 from airrace.scenario import Scenario
@@ -63,7 +64,9 @@ def MakeEnvDiagram(
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
-    sources = outputs_of(*systems.values(), simulation)
+    made = checked_outputs(builder, systems, scenario)
+    outputs = {port.name: output for port, output in made.items()}
+    sources = outputs_of(simulation) | outputs
     sources["explorer_status"] = status.get_output_port()
     if action == "reference":
         reference = builder.AddNamedSystem("held_reference", HeldReference())
@@ -71,7 +74,7 @@ def MakeEnvDiagram(
             builder.ExportInput(reference.GetInputPort(name), name)
         sources["reference"] = reference.GetOutputPort("exploration_reference")
     export_inputs(builder, connect_by_name(builder, [simulation, *systems.values()], sources))
-    export_outputs(builder, outputs_of(simulation, *systems.values()), _OUTPUTS)
+    export_outputs(builder, outputs | outputs_of(simulation), _OUTPUTS)
     diagram = builder.Build()
     diagram.set_name("environment")
     return diagram

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump
 
 from airrace.common.errors import UserError
+from airrace.common.plain_values import plain, plain_tree, whole_number
 from airrace.envs import action
 from airrace.envs.reward import RewardWeights
 from airrace.envs.start import STARTS
@@ -19,8 +20,8 @@ from airrace.scenario.checks import check_choice
 from airrace.track.map_files import TRACK
 
 OBSERVATIONS = ("gates", "estimate", "pixels")
+MAX_PIECE = 0.02  # s, along which a flight counts as a straight line
 GENERATED = "generated"  # the track: a new one each episode
-LEVELS = (0, 1, 2, 3, 4)
 
 
 class StepInfo(NamedTuple):
@@ -66,6 +67,17 @@ class EnvOptions:
         """After how many steps an episode is truncated."""
         return max(1, round(self.time_limit / self.step))
 
+    def pieces(self, period: float) -> int:
+        """Returns in how many equal pieces the flight of a step is judged.
+
+        A flight is judged along straight lines, and on MAX_PIECE it is straight to a millimetre or
+        so. Args: period: of the rotors, of which a piece is some whole ones (s).
+        """
+        ticks = round(self.step / period)
+        most = max(1, int(MAX_PIECE / period + 1e-6))
+        length = next(n for n in range(min(most, ticks), 0, -1) if ticks % n == 0)
+        return ticks // length
+
 
 def make_options(**options: Any) -> EnvOptions:
     """Returns the options of an environment, checked but for the scenario.
@@ -81,27 +93,39 @@ def make_options(**options: Any) -> EnvOptions:
                 f"There is no option '{name}'{f', but {near[0]}' if near else ''}; "
                 f"there are: {', '.join(known)}."
             )
-    result = EnvOptions(**options)
+    given = EnvOptions(**options)
+    result = dc.replace(
+        given,
+        level=whole_number("level", given.level, 0, 4),
+        gates=whole_number("gates", given.gates, 1, 20),
+        laps=None if given.laps is None else whole_number("laps", given.laps, 1, 1000),
+        track=plain("track", str, given.track),
+        drone=plain("drone", str, given.drone),
+        time_limit=_seconds("time_limit", given.time_limit),
+        step=_seconds("step", given.step),
+        image_size=_size(given.image_size),
+    )
     check_choice("action", result.action, action.KINDS)
     check_choice("observation", result.observation, OBSERVATIONS)
     check_choice("start", result.start, STARTS)
-    if result.level not in LEVELS:
-        raise UserError(f"level must be one of {', '.join(map(str, LEVELS))}, not {result.level}.")
-    for name, most in (("gates", 20), ("laps", 1000)):
-        value = getattr(result, name)
-        if value is None and name == "laps":
-            continue
-        if not isinstance(value, int) or not 1 <= value <= most:
-            raise UserError(f"{name} must be a whole number from 1 to {most}, not {value}.")
-    for name in ("time_limit", "step"):
-        value = getattr(result, name)
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
-            raise UserError(f"{name} must be a positive number of seconds, not {value}.")
-    if result.observation == "pixels" and len(result.image_size) != 2:
-        raise UserError(f"image_size must be (height, width), not {result.image_size}.")
     if not (isinstance(result.reward, RewardWeights) or callable(result.reward)):
         raise UserError("reward must be RewardWeights, or a function of a StepInfo.")
     return result
+
+
+def _seconds(name, value):
+    result = plain(name, float, value)
+    if not 0.0 < result < math.inf:
+        raise UserError(f"{name} must be a positive number of seconds, not {value}.")
+    return result
+
+
+def _size(value):
+    try:
+        height, width = value
+    except (TypeError, ValueError):
+        raise UserError(f"image_size must be (height, width), not {value!r}.") from None
+    return tuple(whole_number("image_size", each, 16, 8192) for each in (height, width))
 
 
 def make_scenario(options: EnvOptions) -> Scenario:
@@ -113,7 +137,9 @@ def make_scenario(options: EnvOptions) -> Scenario:
     Raises:
         UserError: naming the field and the remedy.
     """
-    text = options.scenario if isinstance(options.scenario, str) else yaml_dump(options.scenario)
+    text = options.scenario
+    if not isinstance(text, str):
+        text = yaml_dump(plain_tree("scenario", text))
     scenario = load_scenario(
         filename="levels", scenario_name=f"Level{options.level}", scenario_text=text
     )

@@ -25,10 +25,19 @@ from airrace.envs.options import (
     make_options,
     make_scenario,
 )
-from airrace.envs.reward import NEVER, REASONS, RUNNING, RewardWeights, judge, make_course
+from airrace.envs.reward import (
+    NEVER,
+    REASONS,
+    RUNNING,
+    RewardWeights,
+    judge,
+    make_course,
+    of_a_piece,
+)
 from airrace.envs.spectator import Spectator
 from airrace.envs.start import draw_start, hover_start
 from airrace.scenario import scenario_yaml
+from airrace.systems.contract import finite_number, name_of
 from airrace.systems.policy.command_scale import scaled
 from airrace.systems.policy.gates_observation import (
     GATE_SIZE,
@@ -45,7 +54,7 @@ from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import as_plant_state, as_state
 
 _SEEDS = 2**31  # of episodes
-_GATES_PERIOD = 5  # steps, between two looks at where gates that move stand
+_GATES_PERIOD = 5  # pieces of steps, between two looks at where gates that move stand
 
 
 class RaceEnv(gymnasium.Env):
@@ -77,8 +86,12 @@ class RaceEnv(gymnasium.Env):
         self._scenario = make_scenario(self._options)
         if self._options.track != GENERATED:
             load_track(self._scenario.track, markers=True)  # so that it is refused now, if at all
-        self._folder = tempfile.TemporaryDirectory(prefix="airrace-")  # of generated tracks
+        self._folder: tempfile.TemporaryDirectory | None = None  # of generated tracks
         self._vehicle = load_vehicle(self._scenario.drone)[0]
+        self._pieces = self._options.pieces(1.0 / self._scenario.rotors.rate)
+        weights = self._options.reward
+        weights = weights if isinstance(weights, RewardWeights) else RewardWeights()
+        self._weights = of_a_piece(weights, self._pieces)
         self.action_scale = action_scale(self._options.action, self._vehicle)
         size = len(self.action_scale.center)
         self.action_space = Box(-1.0, 1.0, (size,), np.float32)
@@ -129,21 +142,20 @@ class RaceEnv(gymnasium.Env):
                 "The episode is over, or has not begun: call reset() before step()."
             )
         action = np.clip(action, -1.0, 1.0)
-        before, pushes = self._state(), self._impulse()
+        before, passed_before = self._state(), self._passed
         self._command(scaled(action, self.action_scale))
-        self._steps += 1
-        self._simulator.AdvanceTo(self._steps * self._options.step)
-        if self._steps % _GATES_PERIOD == 0:
-            self._set_bodies(self._context)
-        after = self._state()
-        judged, passed_before = self._judge(before, after, pushes), self._passed
-        value = self._value(judged, before, after, action)
-        self._passed, self._airborne = judged.passed, judged.airborne
-        self._outcome, self._last_action = judged.outcome, action
+        value = self._fly_and_judge()
+        self._last_action = action
+        if not isinstance(self._options.reward, RewardWeights):
+            gate = self._gates()[passed_before % len(self._track.gates)]
+            flown = before, self._state(), action, gate, self._passed > passed_before
+            given = self._options.reward(StepInfo(*flown, self._outcome, value))
+            who = f"The reward {name_of(self._options.reward)}()"
+            value = finite_number(who, given)
         terminated = self._outcome != RUNNING
         truncated = not terminated and self._steps >= self._options.steps
         self._over = terminated or truncated
-        info = {**self._info(), "passed": judged.passed > passed_before}
+        info = {**self._info(), "passed": self._passed > passed_before}
         if terminated:
             info["reason"] = REASONS[self._outcome]
             if self._outcome == reward.COLLISION:
@@ -156,14 +168,18 @@ class RaceEnv(gymnasium.Env):
         """Returns what the drone's camera sees, (h, w, 3), with the mode ``rgb_array``."""
         if self.render_mode != "rgb_array":
             return None
+        if self._built is None:
+            raise gymnasium.error.ResetNeeded("There is nothing to see: call reset() first.")
         if self._spectator is None:
             self._spectator = Spectator(self._vehicle)
         return self._spectator.picture(self._track, self._state(), self._shifts())
 
     def close(self) -> None:
-        """Ends what shows the drone."""
-        self._spectator, self._built = None, None
-        self._folder.cleanup()
+        """Ends what shows the drone, and the episode; reset() begins another one."""
+        self._spectator, self._built, self._over = None, None, True
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
     # The world of an episode.
 
@@ -177,6 +193,8 @@ class RaceEnv(gymnasium.Env):
                 track = generate_track(seed)
             except UserError:  # some seeds have none
                 continue
+            if self._folder is None:
+                self._folder = tempfile.TemporaryDirectory(prefix="airrace-")
             path = Path(self._folder.name) / "track.yaml"
             path.write_text(yaml_dump_typed(track, schema=Track), encoding="utf-8")
             self._scenario.track = str(path)
@@ -306,32 +324,32 @@ class RaceEnv(gymnasium.Env):
                 result[MOTION_SIZE + GATE_SIZE * i : MOTION_SIZE + GATE_SIZE * (i + 1)] = 0.0
         return result
 
-    def _judge(self, before, after, pushes):
-        course = self._course._replace(gates=self._gates())
-        weights = self._options.reward
-        p, p_before = as_plant_state(after), as_plant_state(before)
-        return judge(
-            p_before.position,
-            p.position,
-            p.angular_velocity,
-            bool(np.any(self._impulse() != pushes)),
-            self._passed,
-            self._airborne,
-            course,
-            weights if isinstance(weights, RewardWeights) else RewardWeights(),
-        )
-
-    def _value(self, judged, before, after, action):
-        if isinstance(self._options.reward, RewardWeights):
-            return float(judged.reward)
-        gates = self._gates()
-        gate = gates[self._passed % len(gates)]
-        passed = judged.passed > self._passed
-        return float(
-            self._options.reward(
-                StepInfo(before, after, action, gate, passed, judged.outcome, judged.reward)
+    def _fly_and_judge(self) -> float:
+        """Flies to the next action, or to the end of the episode; returns the reward."""
+        value, first = 0.0, self._steps * self._pieces + 1
+        for piece in range(first, first + self._pieces):
+            before, pushes = as_plant_state(self._state()), self._impulse()
+            self._simulator.AdvanceTo(piece * (self._options.step / self._pieces))
+            if piece % _GATES_PERIOD == 0:
+                self._set_bodies(self._context)
+            after = as_plant_state(self._state())
+            judged = judge(
+                before.position,
+                after.position,
+                after.angular_velocity,
+                bool(np.any(self._impulse() != pushes)),
+                self._passed,
+                self._airborne,
+                self._course._replace(gates=self._gates()),
+                self._weights,
             )
-        )
+            self._passed, self._airborne = judged.passed, judged.airborne
+            self._outcome = judged.outcome
+            value += judged.reward
+            if self._outcome != RUNNING:
+                break
+        self._steps += 1
+        return float(value)
 
     def _touched(self) -> str:
         """Returns what the drone has touched, in the words of the referee."""

@@ -26,6 +26,12 @@ class RewardWeights(NamedTuple):
     failure: float = -10.0  #: of the end by a collision, a missed gate, or an arena left
 
 
+@compilable
+def of_a_piece(weights: RewardWeights, pieces: int) -> RewardWeights:
+    """Returns the weights for one of the pieces that a step is judged in."""
+    return RewardWeights(weights.progress, weights.rates / pieces, weights.gate, weights.failure)
+
+
 class CourseNumbers(NamedTuple):
     """What the flight is judged by."""
 

@@ -29,3 +29,17 @@ def heading(q: np.ndarray) -> float:
     """
     w, x, y, z = q
     return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
+def reference_yaw(q: np.ndarray) -> float:
+    """Returns the yaw that an attitude has as a reference or a set-point (rad).
+
+    Controllers make y of the body normal to z and to the horizontal direction of the yaw, see
+    attitude_from_force(). So the yaw is that of y less a quarter turn; the direction of x seen from
+    above, heading(), is another one once the drone leans to a side, and as a set-point would turn
+    the drone on and on.
+
+    Args: q: of R_WB, of any length, (4,).
+    """
+    w, x, y, z = q
+    return float(np.arctan2(2 * (w * z - x * y), w * w - x * x + y * y - z * z))

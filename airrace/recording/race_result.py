@@ -157,7 +157,12 @@ class RaceResult:
             return reason
         if not explorer.done:
             return f"{reason} in state {explorer.state}: {explorer.reason}"
-        return reason if self._plans else f"{reason}: no lap through the map's gates was found"
+        if self._plans:
+            return reason
+        return (
+            f"{reason}: within the limits, no lap through the map's gates was found that can be "
+            "entered from the hover over the start; try other --limits, or another trajectory (-t)"
+        )
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)

@@ -1,6 +1,7 @@
 """The scenario: everything that defines a race, as one YAML file."""
 
 import dataclasses as dc
+import os
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
@@ -9,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from airrace.common.errors import UserError
+from airrace.common.plain_values import make_plain
 from airrace.common.resources import find_yaml, load_yaml, models_path
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.scenario.checks import (
@@ -250,7 +252,11 @@ class Scenario:
         return self.estimator == VIO
 
     def check(self) -> None:
-        """Raises UserError with one sentence on the first bad value."""
+        """Raises UserError with one sentence on the first bad value.
+
+        Numbers of numpy, floats that are whole and paths become what YAML would give.
+        """
+        make_plain(self)
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
         check_planner(self.planner, self.trajectory)
@@ -288,7 +294,7 @@ class Scenario:
 
 def load_scenario(
     *,
-    filename: str | None = None,
+    filename: str | os.PathLike[str] | None = None,
     scenario_name: str | None = None,
     scenario_text: str | None = None,
 ) -> Scenario:

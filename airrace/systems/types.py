@@ -42,7 +42,7 @@ class Detections(Immutable):
     """All markers found in one image."""
 
     time: float = -1.0  #: when the image was taken (s)
-    markers: tuple = ()  #: tuple of Detection
+    markers: tuple[Detection, ...] = ()
     #: Tuple of (reason, ID) of what looked like a marker and was not taken for one; the ID is None
     #: if the reason is the whole image.
     refused: tuple = ()
@@ -67,11 +67,11 @@ class ExplorerStatus(Immutable):
     state: str = "CALIBRATE"  #: name of the explorer's state
     reason: str = "power on"  #: why it was entered
     since: float = 0.0  #: when (s)
-    gates: tuple = ()  #: numbers of the gates found, in the order of flight
+    gates: tuple[int, ...] = ()  #: numbers of the gates found, in the order of flight
     closed_at: float | None = None  #: when the loop was closed (s), None before
     done: bool = False  #: whether it is, and the drone is ready to race
-    #: Tuple of ExplorerEvent, all changes of state so far, the last of which is the present state.
-    events: tuple = ()
+    #: All changes of state so far, the last of which is the present state.
+    events: tuple[ExplorerEvent, ...] = ()
 
 
 @dc.dataclass(frozen=True, eq=False)

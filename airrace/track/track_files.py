@@ -1,6 +1,7 @@
 """Tracks from their files, whatever kind of gates they have."""
 
 import functools
+import os
 from pathlib import Path
 from typing import Literal, overload
 
@@ -8,20 +9,21 @@ import yaml
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml
+from airrace.common.strict_yaml import plain_data, read_yaml
 from airrace.track.course import Course
 from airrace.track.square_track import SQUARE, SquareTrack
 from airrace.track.track import Track
 
 
 @overload
-def load_track(name_or_file: str, *, markers: Literal[True]) -> Track: ...
+def load_track(name_or_file: str | os.PathLike[str], *, markers: Literal[True]) -> Track: ...
 
 
 @overload
-def load_track(name_or_file: str, *, markers: bool = False) -> Course: ...
+def load_track(name_or_file: str | os.PathLike[str], *, markers: bool = False) -> Course: ...
 
 
-def load_track(name_or_file: str, *, markers: bool = False) -> Course:
+def load_track(name_or_file: str | os.PathLike[str], *, markers: bool = False) -> Course:
     """Loads and checks a track.
 
     Args:
@@ -55,8 +57,8 @@ def _load_track(path: Path, _mtime: int) -> Course:
 def _kind_of(path: Path) -> type[Course]:
     """Returns the class that a track's file is of; without ``gate``, its gates are pylons."""
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
-    except (OSError, yaml.YAMLError, RecursionError, ValueError):
+        data = plain_data(read_yaml(str(path), filename=path))
+    except yaml.YAMLError:
         return Track  # whoever loads it says what is wrong
     gate = data.get("gate") if isinstance(data, dict) else None
     if gate is None:

@@ -7,12 +7,15 @@ from numpy.typing import ArrayLike
 
 from airrace.common.immutable import Immutable
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.reference import as_reference
 
 MIN_HEIGHT = 1.0  # m
+# s, of a lap or of a transition: what takes longer is where a search lost its way.
+MAX_DURATION = 600.0
 MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
 MARGIN = 0.44  # m, for what the map and the controller leave
 _BOARD_REACH = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)  # m, from the axis of their pylon
@@ -41,8 +44,16 @@ def is_feasible(trajectory: FlatTrajectory, constraints: FlightConstraints) -> b
 
 
 def sample_times(trajectory: FlatTrajectory, rate: float = 100.0) -> np.ndarray:
-    """Returns the times of a check at a rate (Hz), both ends included (s)."""
+    """Returns the times of a check at a rate (Hz), both ends included (s).
+
+    Raises:
+        TrajectoryOptimizationError: if the trajectory takes longer than MAX_DURATION.
+    """
     duration = trajectory.duration
+    if not duration <= MAX_DURATION:
+        raise TrajectoryOptimizationError(
+            f"A flight of {duration:.3g} s was found, longer than {MAX_DURATION:.0f} s."
+        )
     return np.linspace(0.0, duration, int(np.ceil(rate * duration)) + 1)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.math.quaternion import heading
+from airrace.math.quaternion import reference_yaw
 from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle.state import as_state
@@ -23,7 +23,7 @@ class Stop(NamedTuple):
     """A stop, by the state in which it begins."""
 
     position: np.ndarray  #: p_WB (m), (3,)
-    yaw: float  #: heading of the body's x axis (rad)
+    yaw: float  #: of the attitude, see reference_yaw() (rad)
     velocity: np.ndarray  #: v_WB (m/s), (3,)
     airborne: bool = True  #: whether it has taken off; if not, its rotors idle
 
@@ -37,7 +37,7 @@ class Stop(NamedTuple):
         """
         state = as_state(estimate)
         airborne = bool(state.position[2] > pad + AIRBORNE)
-        yaw = heading(state.quaternion)
+        yaw = reference_yaw(state.quaternion)
         return cls(state.position.copy(), yaw, state.velocity.copy(), airborne)
 
     @property

@@ -211,12 +211,13 @@ class Vehicle:
             )
 
 
-def find_vehicle(drone: str) -> Path:
+def find_vehicle(drone: str | os.PathLike[str]) -> Path:
     """Returns the path of the vehicle.yaml of a shipped drone, or in the folder of another.
 
     Raises:
         UserError: if there is neither.
     """
+    drone = os.fspath(drone)
     if drone in DRONES:
         return models_path() / DRONES[drone] / "vehicle.yaml"
     path = os.path.join(drone, "vehicle.yaml")
@@ -228,7 +229,7 @@ def find_vehicle(drone: str) -> Path:
     )
 
 
-def load_vehicle(drone: str) -> tuple[Vehicle, Path]:
+def load_vehicle(drone: str | os.PathLike[str]) -> tuple[Vehicle, Path]:
     """Returns a checked vehicle, and the path of its SDF file; see find_vehicle().
 
     Raises:

@@ -7,11 +7,15 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from pydrake.math import RigidTransform
 
 from airrace.common.errors import UserError
-from airrace.envs import ID, action
+from airrace.common.resources import models_path
+from airrace.envs import ID, action, race_env
 from airrace.envs.options import OBSERVATIONS
 from airrace.envs.race_env import RaceEnv
+from airrace.envs.reward import RewardWeights
+from airrace.envs.start import FlyingStart
 
 COMBINATIONS = [(a, o) for a in action.KINDS for o in OBSERVATIONS]
 # Flies the drone to a place by references.
@@ -243,7 +247,10 @@ def test_a_page_shows_the_episodes(capsys):
         ({"action": "thrust"}, "action must be one of ctbr, rotors, reference"),
         ({"observation": "state"}, "observation must be one of gates, estimate, pixels"),
         ({"start": "air"}, "start must be one of pad, hover, random"),
-        ({"level": 5}, "level must be one of 0, 1, 2, 3, 4"),
+        ({"level": 5}, "level must be a whole number from 0 to 4"),
+        ({"level": "1"}, "level must be a whole number from 0 to 4"),
+        ({"image_size": 3}, "image_size must be (height, width)"),
+        ({"track": 3}, "track must be text"),
         ({"gate": 2}, "no option 'gate', but gates; there are: action"),
         ({"gates": 0}, "gates must be a whole number from 1 to 20"),
         ({"laps": 1.5}, "laps must be a whole number"),
@@ -261,3 +268,75 @@ def test_bad_options_are_named(options, words):
     with pytest.raises(UserError) as error:
         RaceEnv(**options)
     assert words in str(error.value)
+
+
+LONG = dict(track="hexagon", start="hover", reward=RewardWeights(rates=0.0))
+
+
+def fallen(step):
+    """Returns reason, state and reward at the end of a fall from the hover, with steps so long."""
+    with RaceEnv(**LONG, step=step) as env:
+        env.reset(seed=0)
+        value, terminated = 0.0, False
+        while not terminated:
+            _, reward, terminated, _, info = env.step([-1.0, 0.0, 0.0, 0.0])
+            value += reward
+        return info["collision"], env.true_state, value
+
+
+def test_the_first_contact_ends_a_step_however_long_it_is():
+    for step in (0.1, 0.5):
+        (said, state, value), (_, expected, expected_value) = fallen(step), fallen(0.02)
+        assert said == "hit the ground" and value == pytest.approx(expected_value)
+        np.testing.assert_array_equal(state, expected)
+
+
+@pytest.mark.parametrize("step", [0.02, 0.1, 0.5])
+def test_a_gate_is_missed_on_an_arc_over_it_however_long_a_step_is(step, monkeypatch):
+    """The chord from one end of half a second to the other leads through the gate."""
+    X_WB = RigidTransform([-3.0, -25.0, 11.7])
+    start = FlyingStart(0, X_WB, np.zeros(3), np.array([15.0, 0.0, 3.0]))
+    monkeypatch.setattr(race_env, "hover_start", lambda track: start)
+    with RaceEnv(**LONG, step=step) as env:
+        env.reset(seed=0)
+        for _ in range(round(0.5 / step)):
+            *_, terminated, _, info = env.step([-1.0, 0.0, 0.0, 0.0])
+            if terminated:
+                break
+    assert info["reason"] == "missed gate" and info["gates_passed"] == 0
+
+
+@pytest.mark.parametrize("track", ["hexagon", "generated"])
+def test_it_may_be_closed_twice_and_reset_after(track):
+    env = RaceEnv(track=track)
+    first = env.reset(seed=1)[0]
+    env.close()
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(4))
+    np.testing.assert_array_equal(env.reset(seed=1)[0], first)
+    env.close()
+
+
+def test_there_is_no_picture_before_the_first_episode():
+    with RaceEnv(render_mode="rgb_array") as env, pytest.raises(gymnasium.error.ResetNeeded):
+        env.render()
+
+
+def test_numbers_of_numpy_and_paths_are_options(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes((models_path() / "tracks" / "hexagon.yaml").read_bytes())
+    options = dict(track=path, laps=np.int64(1), gates=2.0, level=np.int32(0))
+    with RaceEnv(**options, step=np.float32(0.5), time_limit=3) as env:
+        assert env.reset(seed=0)[0].shape == (43,)
+
+
+@pytest.mark.parametrize("reward", [None, "much", float("nan"), [1.0, 2.0]])
+def test_a_reward_that_is_no_number_is_named(reward):
+    def mine(step):
+        return reward
+
+    with RaceEnv(reward=mine) as env:
+        env.reset(seed=0)
+        with pytest.raises(UserError, match=r"The reward .*mine\(\) gave .*a finite number"):
+            env.step(np.zeros(4))

@@ -8,7 +8,14 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
 from airrace.common.jit import compiled
-from airrace.math.quaternion import heading, integrate, rotation_between, rotation_matrix
+from airrace.math.quaternion import (
+    heading,
+    integrate,
+    reference_yaw,
+    rotation_between,
+    rotation_matrix,
+)
+from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
@@ -18,6 +25,18 @@ quaternions = st.tuples(*[numbers] * 4).map(np.array).filter(lambda q: np.linalg
 @compiled
 def compiled_rotation(q, w, dt):
     return rotation_matrix(integrate(q, w, dt))
+
+
+@given(st.floats(-3.1, 3.1), vectors)
+def test_the_yaw_of_an_attitude_is_the_one_that_it_was_made_of(yaw, a):
+    """By what makes attitudes of references; that of x seen from above is another one."""
+    zero = np.zeros(3)
+    force = 9.0 * a + np.array([0.0, 0.0, 12.0])
+    axes, *_ = attitude_from_force(
+        force, zero, zero, heading_vectors(np.cos(yaw), np.sin(yaw), 0, 0)
+    )
+    q = RotationMatrix(np.column_stack(axes)).ToQuaternion().wxyz()
+    assert np.cos(reference_yaw(3.0 * q) - yaw) == pytest.approx(1.0, abs=1e-12)
 
 
 @given(quaternions, st.floats(0.1, 10.0))

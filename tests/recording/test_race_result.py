@@ -201,7 +201,8 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
     )
     result.look(600.0, over, RACING, GateMap(), NO_PLAN)
     assert result.data(1.0)["dnf_reason"] == (
-        "ran out of time: no lap through the map's gates was found"
+        "ran out of time: within the limits, no lap through the map's gates was found that can be "
+        "entered from the hover over the start; try other --limits, or another trajectory (-t)"
     )
     result.look(600.0, over, RACING, GateMap(), plan(1, 19.0))
     assert result.data(1.0)["dnf_reason"] == "ran out of time"

@@ -3,6 +3,7 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -14,6 +15,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.race import run_race
+from airrace.diagrams.race_command import RaceOptions, race_scenario
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import CONTENTS, RecordingConfig, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import PRESETS
@@ -611,3 +613,36 @@ def test_without_pictures_their_rate_does_not_matter():
     load_scenario(
         scenario_text="{recording: {content: light}, camera: {fps: 2}, perception: {latency: 0.01}}"
     ).check()
+
+
+def test_numbers_of_numpy_and_paths_are_good(tmp_path):
+    track = tmp_path / "mine.yaml"
+    track.write_bytes((models_path() / "tracks" / "hexagon.yaml").read_bytes())
+    scenario = Scenario(track=track, laps=1.0, seed=np.int64(3))
+    scenario.explorer.max_speed, scenario.camera.width = np.float32(4.0), np.int16(640)
+    scenario.disturbances.wind.mean = np.zeros(3)
+    scenario.check()
+    again = load_scenario(
+        scenario_text=yaml.dump(yaml.safe_load(scenario_yaml(scenario))["Defaults"])
+    )
+    assert (again.laps, again.seed, again.explorer.max_speed) == (1, 3, 4.0)
+    assert again.track == str(track) and type(scenario.laps) is int
+    options = RaceOptions(track=track, laps=np.float64(2.0), scenario_file=Path("races"))
+    assert race_scenario(options).laps == 2
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (dict(laps=1.5), "laps must be a whole number, not 1.5"),
+        (dict(seed="7"), "seed must be a whole number, not '7'"),
+        (dict(track=None), "track must be text in quotes, not None"),
+        (dict(trajectory=3), "trajectory must be text in quotes, not 3"),
+        (dict(camera=None), "camera must be a CameraConfig, not None"),
+        (dict(systems=[]), "systems must be a dict"),
+        (dict(explorer=dict(max_speed=3.0)), "explorer must be a ExplorerConfig"),
+    ],
+)
+def test_values_of_python_that_cannot_be_are_named(fields, words):
+    with pytest.raises(UserError, match=words):
+        Scenario(**fields).check()

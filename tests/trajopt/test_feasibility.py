@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.track import PYLON_HEIGHT
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import (
     MAX_CROSSING_ANGLE,
+    MAX_DURATION,
     MIN_HEIGHT,
     clearance_of,
     is_feasible,
@@ -128,3 +130,10 @@ def test_passing_forward(heading, off, climb, speed):
 
 def test_standing_in_a_gate_is_not_passing_it():
     assert not passes_forward(steady([0, 0, 5], [0, 0, 0]), [0.5], [0.0]).any()
+
+
+@pytest.mark.parametrize("duration", [MAX_DURATION + 1.0, 6e6])
+def test_a_flight_of_hours_is_where_a_search_lost_its_way(duration):
+    """And its samples would fill the memory."""
+    with pytest.raises(TrajectoryOptimizationError, match="longer than 600 s"):
+        sample_times(line([0, 0, 5], [1, 0, 5], duration), 1000.0)

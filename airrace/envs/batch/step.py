@@ -27,7 +27,7 @@ from airrace.envs.batch.lanes import (
     store,
     sum_thrusts,
 )
-from airrace.envs.reward import RUNNING, CourseNumbers, RewardWeights, judge
+from airrace.envs.reward import RUNNING, CourseNumbers, RewardWeights, judge, of_a_piece
 from airrace.math.triples import dot
 from airrace.systems.control.rate_law import RateParameters
 from airrace.systems.policy.command_scale import CommandScale
@@ -36,7 +36,7 @@ from airrace.track.gate_opening import find
 from airrace.vehicle.free_body import Motion
 from airrace.vehicle.state import as_plant_state
 
-_FASTER = 5.0  # m/s, by which a drone may get faster within a step, and more than it does
+_FASTER = 5.0  # m/s, by which a drone may get faster within a piece, and more than it does
 
 
 class Clock(NamedTuple):
@@ -44,8 +44,9 @@ class Clock(NamedTuple):
 
     dt: float  #: of the plant (s)
     steps: int  #: of the plant between two ticks of rotors and rate controller
-    ticks: int  #: between two actions
+    ticks: int  #: in a piece, after which the flight is judged
     wind_steps: int  #: of the plant between two values of the wind
+    pieces: int  #: between two actions, see EnvOptions.pieces()
     period: float  #: between two actions (s)
 
 
@@ -108,17 +109,25 @@ def advance(
                     block.rows[(WANTED + k) * LANES + lane] = wanted
                 else:
                     block.new[k * LANES + lane] = wanted
-        _fly(i, count, block, touched, gusts, world, fleet)
-        for lane in range(count):
             if not idle[i + lane]:
-                store(block, lane, i + lane, fleet)
-                _judge(i + lane, touched[lane], world, fleet, results)
+                results.rewards[i + lane], results.outcomes[i + lane] = 0.0, RUNNING
+        for piece in range(world.clock.pieces):
+            _fly(i, count, block, touched, gusts, piece, world, fleet)
+            for lane in range(count):
+                if not idle[i + lane] and results.outcomes[i + lane] == RUNNING:
+                    store(block, lane, i + lane, fleet)
+                    _judge(i + lane, touched[lane], piece, world, fleet, results)
+        for k in range(i, i + count):
+            if not idle[k]:
+                fleet.steps[k] += 1
+                over = results.outcomes[k] != RUNNING
+                results.truncated[k] = fleet.steps[k] >= world.time_limit and not over
     observe_all(np.arange(first, last), world, fleet, results)
 
 
 @inlined
-def _judge(i, touched, world, fleet, results):
-    """Writes what the step of drone i comes to."""
+def _judge(i, touched, piece, world, fleet, results):
+    """Adds what a piece of the step of drone i comes to."""
     courses, track, passed = world.courses, fleet.track[i], fleet.passed[i]
     course = CourseNumbers(
         courses.gates[track, : courses.counts[track]],
@@ -128,19 +137,18 @@ def _judge(i, touched, world, fleet, results):
         courses.arena_max[track],
     )
     before, p, w = fleet.before[i], fleet.state[i, 4:7], fleet.state[i, 7:10]
-    judgement = judge(before, p, w, touched, passed, fleet.airborne[i], course, world.weights)
+    weights = of_a_piece(world.weights, world.clock.pieces)
+    judgement = judge(before, p, w, touched, passed, fleet.airborne[i], course, weights)
     if judgement.passed > passed and passed % len(course.gates) == 0:
         share, _ = find(course.gates[0], before, p)
-        time = (fleet.steps[i] + share) * world.clock.period
+        time = (fleet.steps[i] + (piece + share) / world.clock.pieces) * world.clock.period
         fleet.lap_time[i] = time - fleet.lap_began[i]
         fleet.lap_began[i] = time
-    fleet.steps[i] += 1
     for k in range(3):
         fleet.before[i, k] = p[k]
     fleet.passed[i], fleet.airborne[i] = judgement.passed, judgement.airborne
-    results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
-    over = judgement.outcome != RUNNING
-    results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
+    results.rewards[i] += judgement.reward
+    results.outcomes[i] = judgement.outcome
 
 
 @compiled_in_threads
@@ -154,8 +162,8 @@ def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results
 
 
 @inlined
-def _fly(first, count, block, touched, gusts, world, fleet):
-    """Flies a block of drones, from number first on, to the next action.
+def _fly(first, count, block, touched, gusts, piece, world, fleet):
+    """Flies a block of drones, from number first on, to the end of a piece of the step.
 
     It sets ``touched`` for each that touches something, but for its pad.
     """
@@ -164,7 +172,7 @@ def _fly(first, count, block, touched, gusts, world, fleet):
     for lane in range(count):
         motion, track = motion_in(block.rows, lane), fleet.track[first + lane]
         v = motion.velocity
-        way = (math.sqrt(dot(v, v)) + _FASTER) * clock.period
+        way = (math.sqrt(dot(v, v)) + _FASTER) * clock.period / clock.pieces
         near[lane] = is_near_something(motion.position, way + shape.reach, track, courses)
         touched[lane] = False
         standing = standing or not fleet.airborne[first + lane]
@@ -196,7 +204,8 @@ def _fly(first, count, block, touched, gusts, world, fleet):
             follow_commands(block, bodies)
             sum_thrusts(block, bodies.levers)
         if gusts.shape[1] > 0:
-            _blow(first, count, step, block, gusts, world, fleet)
+            since = piece * clock.ticks * clock.steps + step
+            _blow(first, count, since, block, gusts, world, fleet)
 
 
 @inlined
@@ -209,7 +218,7 @@ def _blow(first, count, step, block, gusts, world, fleet):
     clock = world.clock
     for lane in range(count):
         i = first + lane
-        total = fleet.steps[i] * clock.ticks * clock.steps + step
+        total = fleet.steps[i] * clock.pieces * clock.ticks * clock.steps + step
         if total > 0 and total % clock.wind_steps == 0:
             for k in range(3):
                 rest = (1.0 - world.fade) * fleet.mean_wind[i, k]

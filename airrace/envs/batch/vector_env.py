@@ -12,7 +12,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from airrace.common.errors import UserError
+from airrace.common.plain_values import plain, whole_number
 from airrace.envs.action import action_scale, check_action
+from airrace.envs.batch import requests
 from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_bodies, make_fleet, restart
@@ -34,6 +36,7 @@ from airrace.track.generator import generate_track
 from airrace.vehicle import GRAVITY, load_vehicle
 
 ACTIONS = ("ctbr", "rotors")
+MOST = 1_000_000  # drones: some gigabytes
 MANY = range(64)  # seeds of generated tracks, if nobody names others
 
 
@@ -58,6 +61,7 @@ class RaceVectorEnv(VectorEnv):
         clearance: float = 0.0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
+        max_episode_steps: int | None = None,
         **options: Any,
     ):
         """Constructs the drones; their episodes begin with reset().
@@ -66,8 +70,10 @@ class RaceVectorEnv(VectorEnv):
             num_envs: how many drones.
             tracks: seeds of the tracks, if the option ``track`` is "generated".
             clearance: how near to anything is a collision, in flight (m).
-            autoreset_mode: NEXT_STEP or SAME_STEP.
+            autoreset_mode: one of Gymnasium's, or its name. With DISABLED, who calls begins new
+                episodes, by reset() with the option ``reset_mask``.
             num_threads: that fly the drones; the results are the same with any number.
+            max_episode_steps: that an episode is truncated after, if its time is not over before.
             options: those of EnvOptions.
 
         Raises:
@@ -75,12 +81,18 @@ class RaceVectorEnv(VectorEnv):
         """
         wanted = make_options(**options)
         scenario = make_scenario(wanted)
-        self.num_envs = num_envs
-        self._mode = AutoresetMode(autoreset_mode)
-        weights = _check(wanted, scenario, self._mode)
+        self.num_envs = num_envs = whole_number("num_envs", num_envs, 1, MOST)
+        num_threads = whole_number("num_threads", num_threads, 1, 1024)
+        time_limit = wanted.steps
+        if max_episode_steps is not None:
+            most = whole_number("max_episode_steps", max_episode_steps, 1)
+            time_limit = min(time_limit, most)
+        self._mode = requests.autoreset_mode(autoreset_mode)
+        weights = _check(wanted, scenario)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
         self._disturbances, self._start = scenario.disturbances, STARTS.index(wanted.start)
         self._vehicle, sdf = load_vehicle(scenario.drone)
+        clearance = plain("clearance", float, clearance)
         if not 0.0 <= clearance < math.inf:
             raise UserError(f"clearance must be a number of metres from 0 on, not {clearance}.")
         shape = load_shape(self._vehicle, sdf, clearance)
@@ -93,7 +105,7 @@ class RaceVectorEnv(VectorEnv):
             standing_height=shape.standing_height,
             clearance=clearance,
         )
-        clock = _make_clock(scenario, wanted.step)
+        clock = _make_clock(scenario, wanted)
         wind, period = scenario.disturbances.wind, 1.0 / scenario.rotors.rate
         fade, push = gust_factors(wind)
         scale = action_scale(wanted.action, self._vehicle)
@@ -106,7 +118,7 @@ class RaceVectorEnv(VectorEnv):
             by_rates=wanted.action == "ctbr",
             rates=make_rate_parameters(self._vehicle, scenario.rotors.rate),
             weights=weights,
-            time_limit=wanted.steps,
+            time_limit=time_limit,
             fade=fade,
             push=push,
         )
@@ -133,7 +145,8 @@ class RaceVectorEnv(VectorEnv):
         )
         #: the action that holds the drone in the air if it is level and at rest
         self.hover_action = unscaled(np.array(hover), scale).astype(np.float32)
-        self._ended = np.ones(num_envs, bool)
+        self._ended = np.ones(num_envs, bool)  # with SAME_STEP never after reset()
+        self._has_begun = False
         self._idle = np.zeros(num_envs, bool)
         # One part of the drones for each thread, in whole blocks: half a block takes as long.
         blocks = math.ceil(num_envs / LANES)
@@ -149,35 +162,57 @@ class RaceVectorEnv(VectorEnv):
 
         Args:
             seed: of all that is drawn at random, from now on.
-            options: ``tracks``, the index of the track for each drone, for these episodes.
+            options: ``tracks``, the index of the track for each drone, for these episodes;
+                ``reset_mask``, of bool, which drones begin: all others fly on.
+
+        Raises:
+            UserError, TypeError, ValueError: see reset_request(); nothing has changed.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
+        self._check_open()
+        request = requests.reset_request(options, self.num_envs, len(self._world.courses.counts))
+        if not self._has_begun and len(request.drones) < self.num_envs:
+            raise gymnasium.error.ResetNeeded("The first reset() has to be of all drones.")
         super().reset(seed=seed)
-        drawn = int(self.np_random.integers(2**31))
-        self._starts = make_generator(drawn, "starts")
-        self._winds = make_generator(drawn, "wind")
-        self._ended[:] = False
-        everyone = np.arange(self.num_envs)
-        self._begin(everyone, (options or {}).get("tracks"))
-        observe_all(everyone, self._world, self._fleet, self._results)
-        return self._results.observations.copy(), self._info()
+        if seed is not None or len(request.drones) == self.num_envs:
+            drawn = int(self.np_random.integers(2**31))
+            self._starts = make_generator(drawn, "starts")
+            self._winds = make_generator(drawn, "wind")
+        self._ended[request.drones], self._has_begun = False, True
+        self._results.outcomes[request.drones] = RUNNING
+        self._begin(request.drones, request.tracks)
+        observe_all(request.drones, self._world, self._fleet, self._results)
+        return self._results.observations.copy(), self._info(request.drones)
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Flies all drones for 20 ms; those whose episode is over begin a new one.
+        """Flies all drones to the next action; those whose episode is over begin a new one.
 
         Args:
             actions: -1 to 1, (num_envs, m).
 
         Raises:
             ValueError: see check_action().
+            gymnasium.error.ResetNeeded: before the first reset(); with DISABLED, also if the
+                episode of some drone is over.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
+        self._check_open()
+        if not self._has_begun:
+            raise gymnasium.error.ResetNeeded("No episode has begun: call reset() before step().")
+        if self._mode is AutoresetMode.DISABLED and self._ended.any():
+            raise gymnasium.error.ResetNeeded(
+                f"The episodes of drones {np.flatnonzero(self._ended).tolist()} are over: call "
+                "reset() with the option reset_mask before step()."
+            )
         actions = check_action(actions, self.action_space.shape)
         results = self._results
         self._idle[:] = self._ended  # only with NEXT_STEP
         gusts, clock = np.empty((self.num_envs, 0, 3)), self._world.clock
         if self._world.push > 0.0:
-            most = -(-clock.steps * clock.ticks // clock.wind_steps)  # values of the wind in a step
+            steps = clock.pieces * clock.ticks * clock.steps
+            most = -(-steps // clock.wind_steps)  # values of the wind in a step
             gusts = self._winds.standard_normal((self.num_envs, most, 3))
         self._advance(actions, gusts)
         ended = results.truncated | (results.outcomes != RUNNING)
@@ -198,7 +233,7 @@ class RaceVectorEnv(VectorEnv):
             self._begin(over)
             observe_all(over, self._world, self._fleet, results)
             info = self._info() | final
-        elif self._mode is AutoresetMode.NEXT_STEP:
+        elif self._mode is not AutoresetMode.SAME_STEP:
             self._ended[:] = ended
         return results.observations.copy(), results.rewards.copy(), terminated, truncated, info
 
@@ -206,6 +241,12 @@ class RaceVectorEnv(VectorEnv):
         """Ends the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+    def _check_open(self):
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError(
+                "This environment is closed: make another one."
+            )
 
     def _advance(self, actions, gusts):
         """Flies all drones, each part in a thread of its own."""
@@ -245,7 +286,8 @@ class RaceVectorEnv(VectorEnv):
         share = 1.0 + config.thrust_coefficient_error * errors[:, 2:]
         bodies.thrust_coefficients[drones] = share * self._vehicle.thrust_coefficients
 
-    def _info(self):
+    def _info(self, drones=slice(None)):
+        """Returns what is told of some drones beside their observations."""
         fleet, clock = self._fleet, self._world.clock
         info = {
             "time": fleet.steps * clock.period,
@@ -255,8 +297,9 @@ class RaceVectorEnv(VectorEnv):
             "outcome": self._results.outcomes.copy(),
             "track": fleet.track.copy(),
         }
-        everyone = np.ones(self.num_envs, bool)
-        return info | {f"_{name}": everyone for name in info}
+        whose = np.zeros(self.num_envs, bool)
+        whose[drones] = True
+        return info | {f"_{name}": whose for name in info}
 
 
 def _generate(seeds: Iterable[int]) -> list[Track]:
@@ -270,31 +313,30 @@ def _generate(seeds: Iterable[int]) -> list[Track]:
     return tracks
 
 
-def _make_clock(scenario: Scenario, step: float) -> Clock:
-    """Returns how often things happen in a scenario, with so much time between two actions (s).
+def _make_clock(scenario: Scenario, options: EnvOptions) -> Clock:
+    """Returns how often things happen in a scenario, with the options' time between two actions.
 
     Raises:
         UserError: if its rates are no multiples of each other.
     """
     dt, period = scenario.plant_config.time_step, 1.0 / scenario.rotors.rate
-    numbers = period / dt, step / period, WIND_PERIOD / dt
+    numbers = period / dt, options.step / period, WIND_PERIOD / dt
     if any(abs(number - round(number)) > 1e-6 or number < 0.5 for number in numbers):
         raise UserError(
             "In a batch of drones, 1 / rotors.rate must be whole steps of the plant, and so must "
             f"be the wind's {WIND_PERIOD:g} s."
         )
     steps, ticks, wind_steps = map(round, numbers)
-    return Clock(dt, steps, ticks, wind_steps, period=dt * steps * ticks)
+    pieces = options.pieces(period)
+    return Clock(dt, steps, ticks // pieces, wind_steps, pieces, period=dt * steps * ticks)
 
 
-def _check(options: EnvOptions, scenario: Scenario, mode: AutoresetMode) -> RewardWeights:
+def _check(options: EnvOptions, scenario: Scenario) -> RewardWeights:
     """Returns the weights of the reward, if all options suit a batch.
 
     Raises:
         UserError: that says which one does not.
     """
-    if mode is AutoresetMode.DISABLED:
-        raise UserError("autoreset_mode must be NEXT_STEP or SAME_STEP.")
     check_choice("In a batch of drones, action", options.action, ACTIONS)
     check_choice("In a batch of drones, observation", options.observation, ("gates",))
     if not isinstance(options.reward, RewardWeights):

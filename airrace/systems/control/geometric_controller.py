@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compiled
+from airrace.systems.contract import name_of
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
     make_parameters,
     parameters_vector,
 )
+from airrace.systems.control.own_wrench import OwnWrench
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
@@ -60,6 +62,9 @@ class GeometricController(LeafSystem):
     With rotors lost, the wrench is allocated to the rest. If those cannot hold
     the yaw, the controller ignores the reference and descends: see ReducedAttitude.
     While an input is not finite, the last command is held.
+
+    A class of one's own that has a calc_wrench() has an output ``negative_thrusts`` (1), too: how
+    often that asked for a negative thrust, see OwnWrench.
     """
 
     def __init__(
@@ -113,6 +118,11 @@ class GeometricController(LeafSystem):
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
+        self._own: OwnWrench | None = None
+        if type(self).calc_wrench is not GeometricController.calc_wrench:
+            clips = self.DeclareDiscreteState(1)
+            self.DeclareStateOutputPort("negative_thrusts", clips)
+            self._own = OwnWrench(f"{name_of(self)}.calc_wrench()", clips)
 
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> Self:
@@ -128,6 +138,8 @@ class GeometricController(LeafSystem):
             reference = self._reference.Eval(context)
             _lean(reference, disturbance, self._feed_forward)
             wrench = self.calc_wrench(reference, estimate)
+            if self._own is not None:
+                wrench = self._own.checked(wrench, reference, estimate, discrete_state)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
@@ -148,7 +160,8 @@ class GeometricController(LeafSystem):
     def calc_wrench(self, reference: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
 
-        The result is NaN where an argument is not finite: then the last command is held.
+        The result is NaN where an argument is not finite: then the last command is held. A class of
+        one's own may return any four numbers, see OwnWrench.
 
         Args:
             reference: vector of a Reference, (18,), that leans against the disturbance.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.packing import Packing
-from airrace.math.quaternion import heading
+from airrace.math.quaternion import reference_yaw
 from airrace.math.vec3 import cross, dot
 from airrace.systems.control.setpoint import POSITION, SETPOINT_SIZE, VELOCITY, as_setpoint
 from airrace.systems.leaf_system import LeafSystem
@@ -73,7 +73,7 @@ class VelocityController(LeafSystem):
             speed = math.sqrt(dot(towards, towards))
             velocity += towards * min(1.0, _FASTEST / max(speed, 1e-9))
         # Without a yaw to have, the drone looks where it does.
-        yaw = setpoint.yaw if setpoint.has_yaw else heading(state.quaternion)
+        yaw = setpoint.yaw if setpoint.has_yaw else reference_yaw(state.quaternion)
         rate = 0.0 if setpoint.has_yaw else setpoint.yaw_rate
         a = _VELOCITY_GAIN * (velocity - state.velocity)
         level = math.hypot(a[0], a[1])

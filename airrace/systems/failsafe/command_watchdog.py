@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from airrace.common.packing import Packing
-from airrace.math.quaternion import heading
+from airrace.math.quaternion import reference_yaw
 from airrace.systems.leaf_system import LeafSystem
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.trajopt.stop import AIRBORNE, LOW, Stop
@@ -108,7 +108,7 @@ class CommandWatchdog(LeafSystem):
             mode = LAND
         before = m.mode
         if mode >= HOLD and before < HOVER:
-            yaw = heading(state.quaternion)
+            yaw = reference_yaw(state.quaternion)
             m = m._replace(since=now, yaw=yaw, position=state.position, velocity=state.velocity)
         m = m._replace(
             mode=mode,

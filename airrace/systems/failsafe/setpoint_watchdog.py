@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context
 
 from airrace.common.immutable import read_only
 from airrace.common.packing import Packing
-from airrace.math.quaternion import heading
+from airrace.math.quaternion import reference_yaw
 from airrace.systems.control.setpoint import (
     IDLE,
     NO_SETPOINT,
@@ -95,7 +95,7 @@ class SetpointWatchdog(LeafSystem):
                 low = height > _place(watch, seconds)[2] + _TOUCHDOWN
             phase = _next_phase(int(watch.phase), bool(low), seconds)
             if watch.phase == FOLLOW:
-                yaw = heading(state.quaternion)
+                yaw = reference_yaw(state.quaternion)
                 memory[:] = _watch_vector(watch._replace(position=state.position, yaw=yaw))
         if phase != watch.phase:
             memory[:] = _watch_vector(_as_watch(memory)._replace(phase=phase, since=time))

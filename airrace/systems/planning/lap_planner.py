@@ -12,11 +12,13 @@ from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
 from airrace.scenario import PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
+from airrace.systems.contract import name_of
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
+from airrace.systems.planning.plan_checks import check_plan
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
@@ -166,8 +168,15 @@ class LapPlanner(LeafSystem):
             raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
 
     def solve(self, problem: LapProblem) -> LapPlan | None:
-        """Returns the plan for a problem, or None: see plan_lap(), or what was given."""
-        return self._solve(problem)
+        """Returns the plan for a problem, or None: see plan_lap(), or what was given.
+
+        Raises:
+            UserError: if the function that was given returned anything else.
+        """
+        plan = self._solve(problem)
+        if plan is not None and self._solve is not plan_lap:
+            check_plan(f"{name_of(self._solve)}()", plan)
+        return plan
 
     def solve_elsewhere(self, submit: Callable) -> None:
         """From now on, submit makes a job of a LapProblem: see PlanningWorker."""

@@ -1,6 +1,7 @@
 """The solution of a planning problem, and when its plan is refused: values in, a value out."""
 
 import contextlib
+import dataclasses as dc
 import time as wall_clock
 
 import numpy as np
@@ -13,9 +14,11 @@ from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import check_flight, sample_times
 from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.vehicle import GRAVITY
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
 _LEAST_GAIN = 1e-6  # s: durations are no more exact, so less is no reason for another plan
+_SLOWER = (0.8, 0.6, 0.4)  # of speed and acceleration, tried in turn
 _NUMPY = ThreadpoolController()
 
 
@@ -29,7 +32,31 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
     if no lap, or no transition onto it, was found. Unless the problem says ``always``, a new
     plan is refused if the old one is no slower and still leads through the gates as they are
     known now.
+
+    A lap that is too quick to be entered from hover is no first lap: then it is a slower one, with
+    a share of the speed and the acceleration, and quicker ones follow in flight.
     """
+    plan = _plan(problem)
+    if problem.old is NO_PLAN:
+        for share in _SLOWER:
+            plan = plan or _plan(_slower(problem, share))
+    return plan
+
+
+def _slower(problem: LapProblem, share: float) -> LapProblem:
+    """Returns a problem with a share of its speed and acceleration."""
+    limits = problem.limits
+    level = np.sqrt(max(limits.max_specific_force**2 - GRAVITY**2, 0.0))  # at level flight
+    slower = dc.replace(
+        limits,
+        max_speed=share * limits.max_speed,
+        max_acceleration=share * min(limits.max_acceleration, level),
+    )
+    return dc.replace(problem, limits=slower)
+
+
+def _plan(problem: LapProblem) -> LapPlan | None:
+    """Returns a plan within the limits of the problem; see plan_lap()."""
     clock = wall_clock.perf_counter()
     old = problem.old
     try:

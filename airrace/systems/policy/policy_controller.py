@@ -13,7 +13,7 @@ from airrace.common.errors import UserError
 from airrace.common.jit import all_finite
 from airrace.common.packing import Packing
 from airrace.common.resources import models_path
-from airrace.math.quaternion import heading
+from airrace.math.quaternion import reference_yaw
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.policy.command_scale import ctbr_scale, scaled
 from airrace.systems.policy.gates_observation import map_openings, write_gates_observation
@@ -228,7 +228,7 @@ class PolicyController(LeafSystem):
                 return memory
             memory = memory._replace(phase=FLYING, since=time, position=state.position)
         if finite:
-            memory = memory._replace(velocity=state.velocity, yaw=heading(state.quaternion))
+            memory = memory._replace(velocity=state.velocity, yaw=reference_yaw(state.quaternion))
         unknown = 0.0 if known else memory.unknown + 1.0
         if unknown >= _PATIENCE:
             return _handed_back(memory, time, state, UNKNOWN)
@@ -309,7 +309,7 @@ def _handed_back(memory: PolicyMemory, time: float, state: State, reason: int) -
     velocity, position, yaw = np.zeros(3), memory.position, memory.yaw
     if all_finite(state_vector(state)):
         velocity, position = state.velocity.copy(), state.position
-        yaw = heading(state.quaternion)
+        yaw = reference_yaw(state.quaternion)
     if position[2] + Stop(position, yaw, velocity).braking_distance[2] < _LEAST_HEIGHT:
         velocity[2] = 0.0
     return memory._replace(

@@ -11,7 +11,7 @@ from airrace.common.errors import UserError
 from airrace.envs import register_envs
 from airrace.envs.batch.lanes import LANES
 from airrace.envs.batch.vector_env import RaceVectorEnv
-from airrace.envs.reward import REASONS, RUNNING
+from airrace.envs.reward import REASONS, RUNNING, RewardWeights
 from airrace.track.generator import generate_track
 
 register_envs()  # a checkout that is not installed has no plug-ins
@@ -163,7 +163,10 @@ def test_bad_actions_are_named_and_the_episode_goes_on(number):
         (dict(action="reference"), "action"),
         (dict(observation="pixels"), "observation"),
         (dict(level=4), "gates cannot move"),
-        (dict(autoreset_mode=AutoresetMode.DISABLED), "NEXT_STEP or SAME_STEP"),
+        (dict(autoreset_mode="sometimes"), "NEXT_STEP, SAME_STEP, DISABLED, not 'sometimes'"),
+        (dict(num_threads=-1), "num_threads must be a whole number from 1 to"),
+        (dict(num_threads=None), "num_threads must be a whole number from 1 to"),
+        (dict(max_episode_steps=0), "max_episode_steps must be a whole number from 1"),
         (dict(reward=lambda step: 0.0), "RewardWeights"),
         (dict(strat="pad"), "strat"),
         (dict(clearance=-0.1), "clearance"),
@@ -173,6 +176,91 @@ def test_bad_actions_are_named_and_the_episode_goes_on(number):
 def test_what_a_batch_cannot_do_is_said(options, said):
     with pytest.raises(UserError, match=said):
         RaceVectorEnv(2, **options)
+
+
+@pytest.mark.parametrize("count", [-1, 0, 2.5, "4", None, True])
+def test_a_number_of_drones_that_cannot_be_is_said(count):
+    with pytest.raises(UserError, match="num_envs must be a whole number from 1 to"):
+        RaceVectorEnv(count, track="hexagon")
+
+
+@pytest.mark.parametrize("mode", ["SAME_STEP", "SameStep", AutoresetMode.SAME_STEP])
+def test_a_mode_has_the_names_of_gymnasium(mode):
+    env = RaceVectorEnv(np.int64(2), track="hexagon", autoreset_mode=mode)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and env.num_envs == 2
+
+
+def test_an_episode_has_at_most_so_many_steps():
+    env = gymnasium.make_vec("airrace/Race-v0", num_envs=2, **HOVERING, max_episode_steps=3)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros((2, 4)))[3].all() for _ in range(3)]
+    assert ends == [False, False, True]
+
+
+def test_nothing_is_flown_before_reset_or_after_close():
+    for threads in (1, 2):
+        env = RaceVectorEnv(2 * LANES, **HOVERING, num_threads=threads)
+        with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+            env.step(np.zeros((2 * LANES, 4)))
+        env.reset(seed=0)
+        env.close()
+        env.close()
+        for call in (env.reset, lambda: env.step(np.zeros((2 * LANES, 4)))):
+            with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+                call()
+
+
+@pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP", "DISABLED"])
+def test_a_mask_begins_some_episodes_and_the_others_fly_on(mode):
+    env = RaceVectorEnv(3, **HOVERING, time_limit=0.1, autoreset_mode=mode)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+    first, _ = env.reset(seed=0)
+    for _ in range(3):
+        seen = env.step(np.zeros((3, 4)))[0]
+    again, info = env.reset(options={"reset_mask": np.array([False, True, False])})
+    np.testing.assert_array_equal(again[1], first[1])
+    np.testing.assert_array_equal(again[[0, 2]], seen[[0, 2]])
+    np.testing.assert_array_equal(info["_time"], [False, True, False])
+    env.step(np.zeros((3, 4)))
+    *_, truncated, _ = env.step(np.zeros((3, 4)))
+    np.testing.assert_array_equal(truncated, [True, False, True])
+    if mode == "DISABLED":
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[0, 2\]"):
+            env.step(np.zeros((3, 4)))
+        env.reset(options={"reset_mask": truncated})
+    *_, truncated, _ = env.step(np.zeros((3, 4)))
+    assert not truncated.any()
+
+
+@pytest.mark.parametrize("step", [0.02, 0.1, 0.5])
+def test_an_arc_over_a_gate_is_no_passage_however_long_a_step_is(step):
+    """As of RaceEnv: the chord from one end of half a second to the other leads through."""
+    env = RaceVectorEnv(1, **HOVERING, step=step, reward=RewardWeights(rates=0.0))
+    env.reset(seed=0)
+    env._fleet.state[0] = [1, 0, 0, 0, -3.0, -25.0, 11.7, 0, 0, 0, 15.0, 0.0, 3.0]
+    env._fleet.before[0] = env._fleet.state[0, 4:7]
+    for _ in range(round(0.5 / step)):
+        _, _, terminated, _, info = env.step(np.array([[-1.0, 0.0, 0.0, 0.0]]))
+        if terminated[0]:
+            break
+    assert REASONS[info["outcome"][0]] == "missed gate" and info["gates_passed"][0] == 0
+
+
+def test_the_first_contact_ends_a_step_however_long_it_is():
+    def fallen(step):
+        env = RaceVectorEnv(1, **HOVERING, step=step, reward=RewardWeights(rates=0.0))
+        env.reset(seed=0)
+        value, terminated = 0.0, [False]
+        while not terminated[0]:
+            _, rewards, terminated, _, info = env.step(np.array([[-1.0, 0.0, 0.0, 0.0]]))
+            value += rewards[0]
+        return env._fleet.state[0, 4:7].copy(), value, REASONS[info["outcome"][0]]
+
+    position, value, reason = fallen(0.5)
+    expected, expected_value, _ = fallen(0.02)
+    assert reason == "collision" and value == pytest.approx(expected_value)
+    np.testing.assert_allclose(position, expected, atol=1e-9)
 
 
 def test_make_vec_finds_it():

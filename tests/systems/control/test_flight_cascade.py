@@ -104,6 +104,15 @@ def test_a_velocity_is_followed(drone, wanted):
     assert heading(state.quaternion) == pytest.approx(0.0, abs=0.05)
 
 
+def test_without_a_yaw_no_move_turns_the_nose():
+    """Moves across the nose, again and again: their tilt is not taken for a turn."""
+    flight = Flight("Default")
+    flight.want(4.0, kind=VELOCITY, yaw=2.7, has_yaw=1.0)
+    for speed in (5.0, -5.0, 5.0, 0.0):
+        state = flight.want(2.0, kind=VELOCITY, velocity=np.array([speed, 0.0, 0.0]))
+    assert heading(state.quaternion) == pytest.approx(2.7, abs=np.deg2rad(1.5))
+
+
 @each
 def test_a_yaw_rate_turns_the_drone(drone):
     flight = Flight(drone)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
+from airrace.common.errors import UserError
 from airrace.scenario import PlannerConfig
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.lap_planner import LapPlanner
@@ -532,3 +533,19 @@ def test_a_plan_is_shared_not_copied():
     plan = make_plan(3, True)
     assert Value[object](plan).Clone().get_value() is plan
     assert Value[object](NO_PLAN).Clone().get_value() is NO_PLAN
+
+
+@pytest.mark.parametrize("answer", [3, "plan", [1.0], np.zeros(4), False, (None,)])
+def test_a_function_of_ones_own_that_gives_no_plan_is_named(answer):
+    bench = Bench(solve=lambda problem: answer)
+    with pytest.raises(UserError, match=r"noted\(\) gave .*; it must give a LapPlan .*, or None"):
+        bench.plan_at(1.0)
+
+
+def test_a_plan_that_is_not_finite_is_refused():
+    def solve(problem):
+        plan = plan_lap(problem)
+        return dc.replace(plan, start_time=np.nan)
+
+    with pytest.raises(UserError, match="LapPlan.start_time, gave nan"):
+        Bench(solve=solve).plan_at(1.0)

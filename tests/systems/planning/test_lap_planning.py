@@ -17,7 +17,7 @@ from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
-from airrace.track import load_track
+from airrace.track import Gate, Start, Track, load_track
 from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -322,3 +322,40 @@ def test_always_a_new_lap_even_if_it_is_slower():
     assert lap_planning._best_lap(laps, first(), always=True)[0].kind == "cold"
     # Where none is found, the old one goes on.
     assert lap_planning._best_lap(Laps(None, None, fits=True), first(), always=True)[0] is None
+
+
+def in_a_row():
+    """Three gates in one line, 25 m apart, whose lap is a long way back; and where it begins."""
+    track = Track(
+        name="in a row",
+        start=Start(position=[-20.0, 0.0, 0.0], heading_deg=0.0),
+        hover_height=5.0,
+        gates=[Gate(left_pylon=[x, 5.0], heading_deg=0.0) for x in (0.0, 25.0, 50.0)],
+    )
+    track.check()
+    start = np.zeros((5, 4))
+    start[0] = -20.0, 0.0, 5.0, 0.0
+    gates = true_map(track).gates
+    return dict(
+        gates=gates, start=start, margins=pylon_margins(gates, true_map(track).markers, 1.0)
+    )
+
+
+@pytest.mark.parametrize(
+    "trajectory", ["3", "4", "6", pytest.param("optimal", marks=pytest.mark.slow)]
+)
+def test_a_lap_through_gates_in_a_row_leads_back_again(trajectory):
+    plan = plan_lap(problem(trajectory, **in_a_row()))
+    assert 8.0 < plan.circuit.duration < 15.0 and plan.entry.duration < 10.0
+
+
+@pytest.mark.parametrize("trajectory", ["3", "4", "6"])
+@pytest.mark.parametrize("limits", ["rotor", "v=30,a=25"])
+def test_a_lap_too_quick_to_enter_is_flown_more_slowly_at_first(trajectory, limits):
+    """A looser limit does not lose what a tighter one has."""
+    track = load_track("hexagon")
+    start = np.zeros((5, 4))
+    start[0, :3] = [*track.start.position[:2], track.hover_height]
+    plan = plan_lap(problem(trajectory, limits, gates=true_map(track).gates, start=start))
+    usual = {"3": 8.2, "4": 8.2, "6": 12.0}[trajectory]
+    assert plan is not None and plan.circuit.duration < usual

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from airrace.recording.race_json import LapJson
+
 if TYPE_CHECKING:
     from airrace.analysis.run import Run
 
@@ -32,7 +34,7 @@ def best_lap(run: "Run") -> int | None:
     return min(laps, key=lambda lap: lap["time_s"])["lap"] if laps else None
 
 
-def gate_times(lap: dict) -> np.ndarray:
+def gate_times(lap: LapJson) -> np.ndarray:
     """Returns when a lap of race.json passed gates 1, 2, ... and 1 again (s since gate 1)."""
     return np.array([*lap["gate_times_s"], lap["time_s"]])
 
@@ -45,15 +47,18 @@ def leg_losses(run: "Run") -> dict[int, np.ndarray]:
         is but one lap.
     """
     best = best_lap(run)
+    if best is None:
+        return {}
     legs = {lap["lap"]: np.diff(gate_times(lap)) for lap in run.result["laps"]}
     return {lap: times - legs[best] for lap, times in legs.items() if lap != best}
 
 
 def lap_profiles(run: "Run") -> dict[int, LapProfile]:
     """Returns the profile of each lap whose flight was recorded; empty if the best was not."""
+    number = best_lap(run)
     flights = {lap["lap"]: _flight(run, lap) for lap in run.result["laps"]}
     flown = {lap: flight for lap, flight in flights.items() if flight is not None}
-    best = flown.get(best_lap(run))
+    best = None if number is None else flown.get(number)
     if best is None:
         return {}
     return {
@@ -64,7 +69,7 @@ def lap_profiles(run: "Run") -> dict[int, LapProfile]:
     }
 
 
-def _flight(run: "Run", lap: dict) -> LapProfile | None:
+def _flight(run: "Run", lap: LapJson) -> LapProfile | None:
     """Returns a lap over its own metres; None if it was not recorded to its end."""
     state, gates = run.state, gate_times(lap)
     if state.empty or state["time"].iloc[-1] < lap["start_s"] + lap["time_s"]:

@@ -5,6 +5,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from airrace.math.angles import wrap_angle
+from airrace.recording.race_json import RaceJson
 from airrace.track import Track
 
 _STATES = ("state", "estimate", "filtered")
@@ -12,7 +13,7 @@ _BY_LAP = (*_STATES, "reference", "tracking", "rotors", "detections", "map", "di
 _REFERENCE = ["time", "x", "y", "z", "yaw", "vx", "vy", "vz", "yaw_rate"]
 
 
-def derive(signals: dict, result: dict, track: Track) -> dict[str, pd.DataFrame]:
+def derive(signals: dict, result: RaceJson, track: Track) -> dict[str, pd.DataFrame]:
     """Returns all tables of a run.
 
     Args:
@@ -76,15 +77,16 @@ def _with_errors(markers: pd.DataFrame, track: Track) -> pd.DataFrame:
     return markers.assign(error=error, gate=markers["marker"] // 4 + 1)
 
 
-def _laps(result: dict) -> pd.DataFrame:
+def _laps(result: RaceJson) -> pd.DataFrame:
     """Returns the laps of a race.json; NaN where there was no plan or map."""
     rows = [
         (
-            *(lap["lap"], (lap["plan"] or {}).get("number"), lap["start_s"], lap["time_s"]),
-            (lap["plan"] or {}).get("duration_s", np.nan),
+            *(lap["lap"], plan and plan["number"], lap["start_s"], lap["time_s"]),
+            plan["duration_s"] if plan else np.nan,
             *(lap["max_speed"], max(lap["gate_offsets_m"]), lap["map_rms_m"]),
         )
         for lap in result["laps"]
+        for plan in (lap["plan"],)
     ]
     names = ("lap", "plan", "start", "duration", "planned", "max_speed", "worst_offset", "map_rms")
     return pd.DataFrame(rows, columns=names).astype({"plan": "Int64", "map_rms": float})

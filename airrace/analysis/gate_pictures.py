@@ -9,6 +9,7 @@ import numpy as np
 from airrace.analysis.along_lap import best_lap, gate_times
 from airrace.analysis.log import read_log
 from airrace.analysis.signals import seconds
+from airrace.recording.pictures import decoded
 from airrace.recording.writer import FILE
 
 if TYPE_CHECKING:
@@ -53,8 +54,9 @@ def gate_pictures(run: "Run") -> list[GatePicture]:
             seen = _times_read(run, gate)
             read = [at for at in near if np.any(np.abs(seen - at) < _SAME)]
             at = (read or near)[-1]
-            jpeg = _smaller(pictures[at])
-            result.append(GatePicture(gate, float(time) - at, bool(read), jpeg))
+            if (picture := decoded(pictures[at])) is not None:
+                jpeg = _smaller(picture)
+                result.append(GatePicture(gate, float(time) - at, bool(read), jpeg))
     return result
 
 
@@ -75,10 +77,9 @@ def _times_read(run, gate):
     return detections["time"][detections["marker"] // 4 + 1 == gate].to_numpy()
 
 
-def _smaller(jpeg):
-    """Returns a JPEG at the width of the report's strip."""
-    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+def _smaller(picture):
+    """Returns the JPEG of a picture at the width of the report's strip."""
     height, width = picture.shape
-    size = (_WIDTH, round(height * _WIDTH / width))
+    size = (_WIDTH, max(1, round(height * _WIDTH / width)))
     smaller = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", smaller, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()

@@ -1,69 +1,117 @@
-"""Reads race.mcap, also one whose race was killed."""
+"""Reads race.mcap, also one whose race was killed, and what is left of one that is damaged."""
 
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from mcap.decoder import DecoderFactory
-from mcap.reader import NonSeekingReader
-from mcap.records import Attachment, Chunk
-from mcap.stream_reader import StreamReader
+from google.protobuf.message import DecodeError
+from mcap.exceptions import McapError
+from mcap.records import Channel, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 
+from airrace.analysis.log_records import MAGIC, Damage, LogReader
 from airrace.common.errors import UserError
 
-_MAGIC = b"\x89MCAP0\r\n"  # at both ends of the file
+# What code meets that reads a message of another shape than it expects.
+_MISFITS = (
+    *(ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError),
+    *(DecodeError, McapError),
+)
 
 
 def read_log(path: Path, topics: Iterable[str] | None = None) -> Iterator[tuple[str, float, Any]]:
     """Yields topic, time (s) and message of everything in a log, in the order of writing.
 
     A message is a Protobuf object of Foxglove's schema, or a dict. A log that ends in the
-    middle of something, because its race was killed, is read up to there.
+    middle of something, because its race was killed, is read up to there. What is damaged is left
+    out; log_damage() tells.
 
     Args:
         path: the file.
         topics: only these; None: all.
 
     Raises:
-        UserError: if there is no such file or it is no log.
+        UserError: if there is no such file, it is no log, or a message is none of airrace's.
     """
-    is_complete(path)
-    factories = [ProtobufFactory(), _JsonFactory()]
-    # A log may end in the middle of whatever.
-    with open(path, "rb") as file, contextlib.suppress(Exception):
-        reader = NonSeekingReader(file, decoder_factories=factories)
-        for _, channel, message, value in reader.iter_decoded_messages(
-            topics, log_time_order=False
-        ):
+    closed = is_complete(path)
+    wanted = None if topics is None else {*topics}
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    factory = ProtobufFactory()
+    with open(path, "rb") as file:
+        reader = LogReader(file, closed)
+        for message in reader.messages():
+            channel = reader.channels[message.channel_id]
+            if wanted is not None and channel.topic not in wanted:
+                continue
+            with reading(path, f"a message of {channel.topic}"):
+                if channel.id not in decoders:
+                    schema = reader.schemas.get(channel.schema_id)
+                    decoders[channel.id] = _decoder(channel, schema, factory)
+                value = decoders[channel.id](message.data)
             yield channel.topic, message.log_time / 1e9, value
 
 
-class _JsonFactory(DecoderFactory):
-    """Decodes messages of JSON for mcap."""
+def _decoder(
+    channel: Channel, schema: Schema | None, factory: ProtobufFactory
+) -> Callable[[bytes], Any]:
+    """Returns what decodes the messages of a channel; raises ValueError if there is nothing."""
+    if channel.message_encoding == "json":
+        return json.loads
+    decoder = factory.decoder_for(channel.message_encoding, schema)
+    if decoder is None:
+        raise ValueError
+    return decoder
 
-    def decoder_for(self, message_encoding, schema):
-        return json.loads if message_encoding == "json" else None
+
+@contextlib.contextmanager
+def reading(path: Path, what: str) -> Iterator[None]:
+    """For what looks into a log: if something there is of another shape, raises UserError.
+
+    Args: path: of the log, or of a file beside it. what: is looked at, such as "a message of /map".
+    """
+    try:
+        yield
+    except _MISFITS as e:
+        raise UserError(
+            f"{path}: {what} is not as this airrace writes it; fly the run's scenario.yaml again."
+        ) from e
 
 
-def read_attachments(path: Path) -> dict:
+def log_damage(path: Path) -> str | None:
+    """Returns a sentence on what of a log is damaged, None if nothing is.
+
+    A log whose race was killed ends somewhere, and is not damaged by that.
+
+    Raises:
+        UserError: if there is no such file or it is no log.
+    """
+    closed = is_complete(path)
+    with open(path, "rb") as file:
+        reader = LogReader(file, closed)
+        left = sum(1 for _ in reader.messages())
+        total, damage = reader.written, reader.damage
+    if damage is None and total in (None, left):
+        return None
+    at = damage or Damage(0, path.stat().st_size)
+    of = "" if total is None else f" of {total}"
+    return (
+        f"{path} is damaged at {at.percent:.0f} %: {left}{of} messages are left, and what is made "
+        "of them lacks the others; fly the run's scenario.yaml again."
+    )
+
+
+def read_attachments(path: Path) -> dict[str, str]:
     """Returns the files that a log begins with, {name: text}.
 
     Raises:
         UserError: if there is no such file or it is no log.
     """
-    is_complete(path)
-    files = {}
-    with open(path, "rb") as file, contextlib.suppress(Exception):  # a log may end anywhere
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, Attachment):
-                files[record.name] = record.data.decode()
-            elif isinstance(record, Chunk):
-                break
-    return files
+    closed = is_complete(path)
+    with open(path, "rb") as file:
+        return LogReader(file, closed).attachments()
 
 
 def is_complete(path: Path) -> bool:
@@ -74,15 +122,15 @@ def is_complete(path: Path) -> bool:
     """
     try:
         with open(path, "rb") as file:
-            begin = file.read(len(_MAGIC))
+            begin = file.read(len(MAGIC))
             size = file.seek(0, os.SEEK_END)
-            file.seek(max(size - len(_MAGIC), 0))
+            file.seek(max(size - len(MAGIC), 0))
             end = file.read()
     except OSError as e:
         raise UserError(
             f"{path} cannot be read ({e.strerror}); name a run that was recorded, "
             "--record light or full."
         ) from None
-    if begin != _MAGIC:
+    if begin != MAGIC:
         raise UserError(f"{path} is no MCAP file; name a race.mcap that airrace wrote.")
-    return size > 2 * len(_MAGIC) and end == _MAGIC
+    return size > 2 * len(MAGIC) and end == MAGIC

@@ -4,17 +4,16 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
-from airrace.analysis.log import read_log
+from airrace.analysis.log import read_log, reading
 from airrace.analysis.signals import odometry_numbers, seconds
-from airrace.common.errors import UserError
 from airrace.math.quaternion import rotation_matrix
 from airrace.recording import race_events as events
 from airrace.recording.json_topics import polynomial_trajectory, unpacked
+from airrace.recording.pictures import decoded
 from airrace.recording.writer import FILE
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.camera_view import CameraView
@@ -25,6 +24,7 @@ from airrace.vehicle.state import State
 if TYPE_CHECKING:
     from airrace.analysis.run import Run
 
+_LONGEST = 3600.0  # s, of a part of a plan
 _TRUTH, _FILTERED, _ROTORS = _SAMPLED = "/state/truth", "/state/filtered", "/rotors/measured"
 
 
@@ -40,9 +40,9 @@ def recorded_events(run: "Run", pictures: bool = True) -> Iterator[events.RaceEv
         pictures: whether to read those of the camera, which takes most of the time.
 
     Raises:
-        UserError: if the log was written by an airrace that did not yet write all of this.
+        UserError: if a message is none that this airrace writes.
     """
-    readers: dict[str, Callable[[float, Any], events.RaceEvent]] = {
+    readers: dict[str, Callable[[float, Any], events.RaceEvent | None]] = {
         "/imu/samples": lambda time, m: events.ImuSampled(
             time, unpacked(m["samples"], "<f8").reshape(-1, 7)
         ),
@@ -58,33 +58,38 @@ def recorded_events(run: "Run", pictures: bool = True) -> Iterator[events.RaceEv
     if pictures:
         camera_info = run.scenario.camera.info(run.vehicle.camera.X_BC)
         readers["/camera/image"] = functools.partial(_picture, camera_info)
+    path = run.folder / FILE
     sample, sampled_at = dict[str, Any](), 0.0  # messages of one StateSample, and when
-    try:
-        for topic, time, message in read_log(run.folder / FILE, [*_SAMPLED, *readers]):
-            if sample and (topic in readers or time != sampled_at):
-                yield _state_sample(sampled_at, sample)
-                sample = {}
-            if topic in readers:
-                yield readers[topic](time, message)
-            else:
-                sample[topic], sampled_at = message, time
-    except KeyError:
-        raise UserError(
-            f"{run.folder} was recorded by an older airrace, whose log lacks a part of what is "
-            "shown; fly its scenario.yaml again."
-        ) from None
-    if sample:
-        yield _state_sample(sampled_at, sample)
+    for topic, time, message in read_log(path, [*_SAMPLED, *readers]):
+        if topic in readers or time != sampled_at:
+            if event := _state_sample(path, sampled_at, sample):
+                yield event
+            sample = {}
+        if topic not in readers:
+            sample[topic], sampled_at = message, time
+            continue
+        with reading(path, f"a message of {topic}"):
+            event = readers[topic](time, message)
+        if event is not None:
+            yield event
+    if event := _state_sample(path, sampled_at, sample):
+        yield event
 
 
-def _state_sample(time, messages):
-    speeds = [joint.velocity for joint in messages[_ROTORS].joints] if _ROTORS in messages else None
-    return events.StateSample(
-        time,
-        _state(messages[_TRUTH]),
-        filtered=_state(messages[_FILTERED]) if _FILTERED in messages else None,
-        rotor_speeds=None if speeds is None else np.array(speeds),
-    )
+def _state_sample(path, time, messages):
+    """Returns what messages of one time say of the drone; None if they do not have the truth."""
+    if _TRUTH not in messages:
+        return None
+    with reading(path, f"a message of {_TRUTH}"):
+        speeds = (
+            [each.velocity for each in messages[_ROTORS].joints] if _ROTORS in messages else None
+        )
+        return events.StateSample(
+            time,
+            _state(messages[_TRUTH]),
+            filtered=_state(messages[_FILTERED]) if _FILTERED in messages else None,
+            rotor_speeds=None if speeds is None else np.array(speeds),
+        )
 
 
 def _state(message):
@@ -137,6 +142,9 @@ def _map(time, message):
 
 
 def _plan(time, message):
+    for each in message["polynomials"]:
+        if not 0.0 <= each["breaks"][-1] - each["breaks"][0] < _LONGEST:
+            raise ValueError("it takes too long")
     entry, circuit = map(polynomial_trajectory, message["polynomials"])
     numbers = message["lap"], message["start_time"]
     return events.PlanMade(time, LapPlan(*numbers, entry, circuit, message["phase"], None))
@@ -159,6 +167,8 @@ def _gates(track, time, message):
 
 
 def _picture(info, time, message):
-    """Returns a Picture as small as the log keeps it; info: of it at full size."""
-    pixels = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    """Returns a Picture as small as the log keeps it, None if it is none; info: at full size."""
+    pixels = decoded(message.data)
+    if pixels is None:
+        return None
     return events.Picture(time, seconds(message.timestamp), CameraView.of(pixels), info)

@@ -6,10 +6,12 @@ import numpy as np
 
 from airrace.analysis.along_lap import best_lap
 from airrace.analysis.gate_pictures import gate_pictures
+from airrace.analysis.log import reading
 from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
+from airrace.recording.race_json import RaceJson
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
 from airrace.scenario import trajectory_name
 
@@ -42,7 +44,7 @@ def make_report(run: Run) -> str:
     )
 
 
-def _is_comparable(result: dict) -> bool:
+def _is_comparable(result: RaceJson) -> bool:
     """Whether the original system flew this track within these limits."""
     return (result["track"], result["limits"]) == (ORIGINAL_TRACK, "original")
 
@@ -113,5 +115,7 @@ def write_report(folder: str | Path) -> Path:
     """
     run = Run(folder, without=_WITHOUT)
     path = run.folder / FILE
-    write_text(path, make_report(run))
+    with reading(run.folder, "what the report is made of"):
+        text = make_report(run)
+    write_text(path, text)
     return path

@@ -1,7 +1,7 @@
 """A run: the folder that a race left, as tables."""
 
 import importlib.util
-import json
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airrace.analysis.derived import derive, lap_starts
-from airrace.analysis.log import is_complete, read_attachments, read_log
+from airrace.analysis.log import is_complete, log_damage, read_attachments, read_log
 from airrace.analysis.signals import read_signals, seconds
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
+from airrace.recording.pictures import decoded
+from airrace.recording.race_json import RaceJson, read_race_json
 from airrace.recording.writer import FILE
 from airrace.track import Track, load_track
+from airrace.track.track_files import checked_track
 from airrace.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
@@ -68,10 +71,13 @@ class Run:
         tables: all tables by name.
         recorded: whether there is a race.mcap; else most tables are empty.
         complete: whether it was closed; else its race was killed, or still goes on.
+        damage: a sentence on what of race.mcap is damaged, None if nothing is.
     """
 
+    result: RaceJson
+
     def __init__(self, folder: str | Path, without: Iterable[str] = ()):
-        """Reads a run.
+        """Reads a run. If its race.mcap is damaged, a line on standard error says so.
 
         Args:
             folder: of the race, or a file in it.
@@ -84,26 +90,15 @@ class Run:
 
         folder = Path(folder)
         self.folder = folder.parent if folder.is_file() else folder
-        path = self.folder / "race.json"
-        try:
-            self.result = json.loads(path.read_text(encoding="utf-8"))
-            laps = self.result["laps"]
-        except OSError as e:
-            raise UserError(
-                f"{path} cannot be read ({e.strerror}); name the folder that a race "
-                "left, such as runs/<time>-..."
-            ) from None
-        except (ValueError, KeyError, TypeError):
-            laps = None
-        if not isinstance(laps, list):
-            raise UserError(f"{path} is no race.json; name the folder that a race left.") from None
+        self.result = read_race_json(self.folder / "race.json")
         self.scenario = load_scenario(filename=str(self.folder / "scenario.yaml"))
         log = self.folder / FILE
         self.recorded = log.exists()
         # The log has what was raced, even if the files have changed or are elsewhere.
         files = read_attachments(log) if self.recorded else {}
         if "track.yaml" in files:
-            self.track = load_yaml(Track, data=files["track.yaml"], what="the track")
+            track = load_yaml(Track, data=files["track.yaml"], what="the track")
+            self.track = checked_track(track, f"in {log}")
         else:
             self.track = load_track(self.scenario.track, markers=True)
         if "vehicle.yaml" in files:
@@ -111,6 +106,9 @@ class Run:
         else:
             self.vehicle = load_vehicle(self.scenario.drone)[0]
         self.complete = self.recorded and is_complete(log)
+        self.damage = log_damage(log) if self.recorded else None
+        if self.damage is not None:
+            print(f"airrace: {self.damage}", file=sys.stderr)
         signals = read_signals(log if self.recorded else None, without)
         self.tables = derive(signals, self.result, self.track)
 
@@ -137,12 +135,9 @@ class Run:
         Raises:
             UserError: if the race was not recorded.
         """
-        import cv2
-
         for _, _, message in read_log(self.folder / FILE, ["/camera/image"]):
-            picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-            assert picture is not None  # the recorder encoded it
-            yield seconds(message.timestamp), picture
+            if (picture := decoded(message.data)) is not None:
+                yield seconds(message.timestamp), picture
 
     def export(self, folder: str | Path, format: str = "csv") -> list:
         """Writes every table to a file of its name; returns their paths.

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from airrace.analysis.log import read_log
+from airrace.analysis.log import read_log, reading
+from airrace.common.errors import UserError
 from airrace.recording.json_topics import PLAN_COLUMNS
 
 _ODOMETRY = {
@@ -36,6 +37,9 @@ ESTIMATOR_VECTORS = (
     *("attitude_sigma", "position_sigma", "velocity_sigma"),
     *("gyro_bias", "accelerometer_bias", "gyro_bias_sigma", "accelerometer_bias_sigma"),
 )
+_TEXTS = ("source", "name", "message", "reason", "part")  # columns that are no numbers
+# The largest number of a signal, and by how much the norm of a quaternion may differ from one.
+_LARGEST, _NORM = 1e9, 0.5
 # The columns of every table, as the log has them.
 SIGNALS = {
     "state": _STATE,  # the truth
@@ -88,11 +92,36 @@ def read_signals(path: Path | None, without: Iterable[str] = ()) -> dict[str, pd
     rows = {name: [] for name in SIGNALS}
     if path is not None:
         for topic, time, message in read_log(path, [t for t in _READERS if t not in without]):
-            _READERS[topic](rows, time, message)
-    return {
+            with reading(path, f"a message of {topic}"):
+                _READERS[topic](rows, time, message)
+    signals = {
         name: pd.DataFrame(rows[name], columns=names, dtype=None if rows[name] else float)
         for name, names in SIGNALS.items()
     }
+    for name, table in signals.items():
+        if not _is_sound(name, table):
+            raise UserError(
+                f"{path}: the signal {name} is not as this airrace writes it; fly the run's "
+                "scenario.yaml again."
+            )
+    return signals
+
+
+def _is_sound(name: str, table: pd.DataFrame) -> bool:
+    """Whether the numbers of a signal can be of a race; NaN can."""
+    texts = [column for column in _TEXTS if column in table]
+    try:
+        numbers = table.drop(columns=texts).to_numpy(float)
+    except (TypeError, ValueError):
+        return False
+    if np.any(np.abs(numbers) > _LARGEST):
+        return False
+    if not table[texts].map(lambda text: isinstance(text, str)).all(axis=None):
+        return False
+    if SIGNALS[name] is not _STATE:
+        return True
+    norms = np.linalg.norm(table[["qw", "qx", "qy", "qz"]].to_numpy(float), axis=1)
+    return not np.any(np.abs(norms - 1.0) > _NORM)
 
 
 def seconds(stamp: Any) -> float:

@@ -4,13 +4,49 @@ import fcntl
 import json
 import os
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypedDict, cast
 
 from airrace.common.errors import UserError
 from airrace.common.files import EVALUATION, write_json
+from airrace.common.json_files import parse_json, read_json
 
 # What an evaluation leaves in its folder.
 RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = EVALUATION
+
+
+class _ExplorationJson(TypedDict):
+    success: bool
+    time_s: float | None
+    gates_found: int
+
+
+class _LapJson(TypedDict):
+    time_s: float
+    map_rms_m: float | None
+
+
+class _ResultJson(TypedDict):
+    finished: bool
+    dnf_reason: str | None
+    exploration: _ExplorationJson
+    laps: list[_LapJson]
+    mean_lap_s: float | None
+    best_lap_s: float | None
+    collisions: int
+
+
+class RowJson(TypedDict):
+    """A line of races.jsonl; see fly()."""
+
+    seed: int
+    gates: int
+    length_m: float
+    result: _ResultJson
+    stderr: str | None
+
+
+class _SettingsJson(TypedDict):
+    settings: dict[str, object]
 
 
 class RaceStore:
@@ -26,11 +62,13 @@ class RaceStore:
         key: of a row, by which races are told apart.
         files: names of the rows' file, of the file with the settings, and of what else there is.
         what: is kept, in a sentence.
+        row: the schema of a row.
     """
 
     key: ClassVar[str] = "seed"
     files: ClassVar[tuple[str, ...]] = FILES
     what: ClassVar[str] = "evaluation"
+    row: ClassVar[type] = RowJson
 
     def __init__(self, folder: Path, settings: dict, *, resume: bool = False):
         """Opens an existing folder, and writes the settings to the file that is for them.
@@ -118,12 +156,12 @@ class RaceStore:
         *lines, torn = content.split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
-                row = json.loads(line)
+                row = cast(dict, parse_json(line, self.row))
                 self._rows.setdefault(row[self.key], row)
-            except (ValueError, TypeError, LookupError):
+            except ValueError as e:
                 raise UserError(
-                    f"Line {number} of {self._path} is not the row of a race; remove the line, "
-                    "and --resume flies that race again."
+                    f"Line {number} of {self._path} is not the row of a race: {e}; remove the "
+                    "line, and --resume flies that race again."
                 ) from None
         self._truncate(len(content) - len(torn))
 
@@ -148,11 +186,10 @@ class RaceStore:
                 "folder."
             )
         try:
-            before = json.loads(path.read_text(encoding="utf-8"))["settings"]
-        except (OSError, ValueError, LookupError, TypeError):
-            raise UserError(
-                f"--resume: {path} is not the settings of {self._a_what()}; name another folder."
-            ) from None
+            what, remedy = f"file with the settings of {self._a_what()}", "name another folder"
+            before = read_json(path, _SettingsJson, what, remedy)["settings"]
+        except UserError as e:
+            raise UserError(f"--resume: {e}") from None
         # As JSON has it: tuples are lists.
         difference = first_difference(before, json.loads(json.dumps(settings)))
         if difference:

@@ -47,8 +47,14 @@ examples:
   airrace league verify runs/spring/league.json --seed_file spring.seed --all
   airrace league verify runs/spring/league.json --entry herons --race 3
 
-All files are compared with the hashes; then races are flown again, and must be equal
-to the last bit. Exit codes: 0 nothing is wrong; 1 something is; 2 bad input."""
+Everything in league.json is compared with what follows from the folder's entries, its
+season.yaml, the secret seed and the races; then of each entry the quickest race and one
+drawn at random are flown again, and must be equal to the last bit.
+What cannot follow, and is compared with hashes in league.json only: pages, replays,
+logs, maps, who was refused and why, whether there was a sandbox, and of races that are
+not flown again how the entry behaved. So is the season itself: publish the hash of
+season.yaml before it is flown, and that of league.json after, which this command prints.
+Exit codes: 0 nothing is wrong; 1 something is; 2 bad input."""
 
 Unsafe = Annotated[bool, Parameter(negative=())]
 _SEED_FILE = Annotated[Path | None, Parameter(metavar="FILE")]
@@ -178,9 +184,10 @@ def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
     """Writes league.json and league.html, and prints the ranking."""
     from airrace.league.display import print_ranking
     from airrace.league.page import make_duels, write_page
-    from airrace.league.season_files import write_league
+    from airrace.league.season_files import flight_lines, make_league, write_league
 
-    league = write_league(folder, settings, plan.legs, rows)
+    league = make_league(settings, plan.legs, flight_lines(rows))
+    write_league(folder, league)
     duels: list[dict] = []
     if plan.season.replays and league["complete"]:
         with _status("Drawing the best against the second") as status:
@@ -188,6 +195,7 @@ def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
                 folder, league, lambda leg: status.update(f"Drawing the best of race {leg}")
             )
     page = write_page(folder, league, duels)
+    write_league(folder, league)  # again, with the hashes of what was drawn
     print_ranking(league, page)
 
 
@@ -210,7 +218,8 @@ def verify(
             in the working folder)
         entry: fly only this one's races again
         race: fly only the race with this number again
-        all: fly all races again (default: of each entry the one with the quickest mean lap)
+        all: fly all races again (default: of each entry the one with the quickest mean lap, and
+            one of the season that is drawn at random)
         unsafe: fly entries without a sandbox, where this computer offers none
     """
     from airrace.league.proof import verify_league

@@ -14,6 +14,7 @@ from airrace.common.files import digest, files_in
 from airrace.common.resources import load_yaml, models_path
 from airrace.common.words import printable
 from airrace.diagrams.variants import SYSTEM_NAMES
+from airrace.league.league_json import NAME
 from airrace.scenario import (
     LEARNED,
     NO_POLICY,
@@ -92,7 +93,7 @@ def load_entry(name_or_folder: str | Path) -> Entry:
     """
     folder = find_entry(name_or_folder)
     name = folder.resolve().name
-    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII):
+    if not re.fullmatch(NAME, name, re.ASCII):
         raise UserError(
             f"The entry's folder '{name}' needs another name, of letters, digits, _ and - only."
         )

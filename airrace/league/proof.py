@@ -5,37 +5,31 @@ it. So nobody needs to believe a lap time: flown again, it must come out equal t
 """
 
 import dataclasses as dc
-import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+import secrets
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from rich.console import Console
 
 from airrace.common.errors import UserError
 from airrace.evaluation.store import first_difference
 from airrace.evaluation.versions import mismatch, versions
-from airrace.league.entry import Entry, load_entry
-from airrace.league.sandbox import SandboxConfig, check_sandbox, why_no_sandbox
-from airrace.league.season import (
-    Leg,
-    Season,
-    load_season,
-    make_legs,
-    read_secret,
-    season_digest,
-    secret_digest,
+from airrace.league.folder_check import (
+    Doubt,
+    check_digests,
+    check_flights,
+    check_season,
+    check_whole,
+    describe,
+    load_flown_entries,
+    short,
 )
-from airrace.league.season_files import ENTRIES, FORMAT, SEASON, figures, race_folder, ranking_of
+from airrace.league.league_json import read_league, read_result
+from airrace.league.sandbox import SandboxConfig, check_sandbox, why_no_sandbox
+from airrace.league.season import load_season, make_legs, read_secret
+from airrace.league.season_files import SEASON, race_folder
 from airrace.league.worker import fly, make_flight, result_digest
-
-
-class Doubt(NamedTuple):
-    """Something that is not as it should be."""
-
-    where: str  # what is wrong: an entry, a race, the season
-    what: str  # a clause on what is wrong
 
 
 def verify_league(
@@ -57,19 +51,23 @@ def verify_league(
     again = choose(league["flights"], *chosen)
     console = Console(stderr=True)
     with console.status("Comparing files"):
-        legs = make_legs(season, secret)
-        doubts = [*check_season(league, season, secret, legs)]
-        entries, of_entries = load_flown_entries(folder, league)
-        doubts += [*of_entries, *check_files(folder, league)]
+        other_season = [*check_season(league, season, secret)]
+        legs = [] if other_season else make_legs(season, secret)
+        entries, doubts = load_flown_entries(folder, league)
+        doubts += [*other_season, *check_digests(folder, league), *check_flights(folder, league)]
+        if not other_season:
+            doubts += check_whole(league, season, secret, legs, entries)
     for doubt in doubts:
         print(f"WRONG  {doubt.where}: {doubt.what}")
     if not doubts:
         print(f"right  all files of {len(league['flights'])} races agree")
-    trusted = not any(doubt.where == "season" for doubt in doubts)
-    for number, line in enumerate(again if trusted else [], 1):
+    if not league["complete"]:
+        print("note   the season is not complete: not all entries have flown all races")
+    print(f"note   league.json was written with the hash {league['sha256']}")
+    for number, line in enumerate(again, 1):
         name = describe(line)
-        if line["entry"] not in entries:
-            continue
+        if line["entry"] not in entries or not 1 <= line["leg"] <= len(legs):
+            continue  # a doubt says so
         leg = legs[line["leg"] - 1]
         entry = entries[line["entry"]]
         sandbox = SandboxConfig(safe=why_no_sandbox() is None, replay=False, limits=season.limits)
@@ -78,7 +76,7 @@ def verify_league(
             row = fly(flight, "verify")
         if "refused" in row:
             raise UserError(f"The {name} was refused: {row['refused']}")
-        doubt = compare(folder, line, row["result"])
+        doubt = compare(folder, line, row)
         if doubt is None:
             print(f"right  {name}, flown again, is equal to the last bit", flush=True)
         else:
@@ -101,21 +99,6 @@ def _secret(folder, season, seed_file):
     )
 
 
-def read_league(path: Path) -> dict[str, Any]:
-    """Returns what a league.json holds; raises UserError if it is none."""
-    try:
-        league = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise UserError(
-            f"{path} cannot be read as a league's result; name the league.json in the folder of a "
-            "season."
-        ) from None
-    keys = {"format", "settings", "ranking", "legs", "flights"}
-    if not isinstance(league, dict) or league.get("format") != FORMAT or not keys <= league.keys():
-        raise UserError(f"{path} is no result of a league; name the league.json of a season.")
-    return league
-
-
 def check_versions(league: dict) -> None:
     """Raises UserError if races flown here could not be compared: with other code, others come."""
     differs = mismatch(league["settings"]["versions"], versions({}))
@@ -126,82 +109,28 @@ def check_versions(league: dict) -> None:
         )
 
 
-def check_season(league: dict, season: Season, secret: str, legs: Sequence[Leg]) -> Iterator[Doubt]:
-    """Yields what of the season is not as league.json says."""
-    settings = league["settings"]
-    if season_digest(season) != settings["season_sha256"]:
-        yield Doubt("season", "season.yaml is not the one that was flown")
-    if secret_digest(secret) != settings["secret_sha256"]:
-        yield Doubt("season", "the secret seed is not the one that was flown")
-        return
-    for leg, line in zip(legs, league["legs"]):
-        if hashlib.sha256(leg.track.encode()).hexdigest() != line["track_sha256"]:
-            yield Doubt(f"race {leg.number}", "its track is not the one that the seed gives")
-
-
-def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], list[Doubt]]:
-    """Returns the entries in a season's folder by name, and doubts about them."""
-    entries, doubts = {}, []
-    for line in league["settings"]["entries"]:
-        name = line["entry"]
-        try:
-            entries[name] = load_entry(folder / ENTRIES / name)
-        except UserError as e:
-            doubts.append(Doubt(f"entry {name}", str(e)))
-            continue
-        if entries[name].digest != line["digest"]:
-            doubts.append(Doubt(f"entry {name}", "its files are not those that were flown"))
-    return entries, doubts
-
-
-def check_files(folder: Path, league: dict) -> Iterator[Doubt]:
-    """Yields what does not agree within a season's folder, without flying."""
-    for line in league["flights"]:
-        where = describe(line)
-        path = folder / race_folder(line["entry"], line["leg"]) / "race.json"
-        try:
-            result = read_result(path)
-            repeated = figures(result)
-        except (OSError, ValueError, LookupError, TypeError):
-            yield Doubt(where, f"its race.json is missing or broken: {path}")
-            continue
-        if result_digest(result) != line["sha256"]:
-            yield Doubt(where, "its race.json has another hash than league.json says")
-        for name, value in repeated.items():
-            if line[name] != value:
-                yield Doubt(where, f"{name} is {line[name]} in league.json, {value} in race.json")
-    names = [line["entry"] for line in league["settings"]["entries"]]
-    if ranking_of(names, league["flights"], league["settings"]) != league["ranking"]:
-        yield Doubt("ranking", "it does not follow from the races")
-
-
-def compare(folder: Path, line: dict, result: dict) -> Doubt | None:
+def compare(folder: Path, line: dict, row: dict) -> Doubt | None:
     """Returns a doubt if a race, flown again, is another one than league.json says.
 
     Args:
         line: of the race in league.json.
-        result: race.json without ``wall``, of the race flown again.
+        row: of the race flown again, see fly().
     """
+    result = row["result"]
     if result_digest(result) == line["sha256"]:
+        # What it tried may have names that are drawn anew each time.
+        if bool(row["conduct"]["attempts"]) != bool(line["conduct"]["attempts"]):
+            return Doubt(describe(line), "flown again, it tries other things that it must not")
         return None
     try:
         before = read_result(folder / race_folder(line["entry"], line["leg"]) / "race.json")
-    except (OSError, ValueError):
+    except UserError:
         before = {}
     difference = first_difference(before, json.loads(json.dumps(result)))
     if difference is None:
         return Doubt(describe(line), "flown again, it has another hash than league.json says")
     name, old, new = difference
-    return Doubt(describe(line), f"flown again, {name} is {_short(new)}, not {_short(old)}")
-
-
-def read_result(path: Path) -> dict[str, Any]:
-    """Returns race.json without ``wall``; raises OSError or ValueError if that cannot be."""
-    result = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(result, dict):
-        raise ValueError("it is no object")
-    result.pop("wall", None)
-    return result
+    return Doubt(describe(line), f"flown again, {name} is {short(new)}, not {short(old)}")
 
 
 def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: bool) -> list[dict]:
@@ -209,7 +138,8 @@ def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: b
 
     Args:
         entry, leg: only that entry's, and only that race; None: any.
-        every: whether all of them, else of each entry the one with the quickest mean lap.
+        every: whether all of them, else of each entry the one with the quickest mean lap, and one
+            of the others that is drawn at random.
 
     Raises UserError if there is none.
     """
@@ -223,14 +153,6 @@ def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: b
     best: dict[str, dict] = {}
     for line in sorted(chosen, key=lambda each: (not each["finished"], each["mean_lap_s"] or 0.0)):
         best.setdefault(line["entry"], line)
-    return list(best.values())
-
-
-def describe(line: dict) -> str:
-    """Returns what a race of league.json is called."""
-    return f"race {line['leg']} of {line['entry']}"
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    again = list(best.values())
+    others = [line for line in chosen if line not in again]
+    return [*again, secrets.choice(others)] if others else again

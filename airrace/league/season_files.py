@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from airrace.common.errors import UserError
-from airrace.common.files import files_in, write_bytes, write_json
+from airrace.common.files import files_in, finite, write_bytes, write_json
 from airrace.evaluation.store import RaceStore
 from airrace.league.entry import Entry
+from airrace.league.league_json import FORMAT, RowJson, with_digests
 from airrace.league.ranking import rank
 from airrace.league.season import Leg, Season, season_digest, secret_digest
 
 FLIGHTS, LEAGUE, PAGE = FILES = ("flights.jsonl", "league.json", "league.html")
 SEASON = "season.yaml"  # a copy
 ENTRIES, RACES, DUELS = "entries", "races", "duels"  # folders
-FORMAT = 1  # of league.json
 
 
 class LeagueStore(RaceStore):
@@ -26,6 +26,7 @@ class LeagueStore(RaceStore):
     key = "key"
     files = FILES
     what = "league"
+    row = RowJson
 
 
 def race_folder(entry: str, leg: int) -> str:
@@ -89,15 +90,9 @@ def settings(
     }
 
 
-def write_league(folder: Path, settings: dict, legs: Sequence[Leg], rows: Sequence[dict]) -> dict:
-    """Writes league.json, and returns what it holds.
-
-    Args: settings: see there. rows: of worker.fly(), of all races that have been flown.
-
-    Raises UserError if it cannot be written.
-    """
-    names = [entry["entry"] for entry in settings["entries"]]
-    lines = [
+def flight_lines(rows: Sequence[dict]) -> list[dict]:
+    """Returns the lines of races in league.json; rows: of worker.fly()."""
+    return [
         {
             "entry": row["entry"],
             "leg": row["leg"],
@@ -107,10 +102,19 @@ def write_league(folder: Path, settings: dict, legs: Sequence[Leg], rows: Sequen
         }
         for row in rows
     ]
+
+
+def make_league(settings: dict, legs: Sequence[Leg], lines: Sequence[dict]) -> dict:
+    """Returns what league.json holds but for hashes.
+
+    Args: settings: see there. lines: of all races that have been flown, see flight_lines().
+    """
+    names = [entry["entry"] for entry in settings["entries"]]
     flights = sorted(lines, key=lambda line: (names.index(line["entry"]), line["leg"]))
-    league = {
+    flown = {(line["entry"], line["leg"]) for line in flights}
+    return {
         "format": FORMAT,
-        "complete": len(flights) == len(names) * len(legs),
+        "complete": flown == {(name, leg.number) for name in names for leg in legs},
         "settings": settings,
         "ranking": ranking_of(names, flights, settings),
         "legs": [
@@ -124,8 +128,16 @@ def write_league(folder: Path, settings: dict, legs: Sequence[Leg], rows: Sequen
         ],
         "flights": flights,
     }
-    write_json(folder / LEAGUE, league)
-    return league
+
+
+def write_league(folder: Path, league: dict) -> None:
+    """Writes league.json, with the hashes of all other files of the folder and of its own.
+
+    Args: league: of make_league().
+
+    Raises UserError if it cannot be written.
+    """
+    write_json(folder / LEAGUE, with_digests(finite(league), folder, LEAGUE))
 
 
 def ranking_of(names: Sequence[str], flights: Sequence[dict], settings: dict) -> list[dict]:

@@ -45,20 +45,12 @@ class LogSink:
             self._write_scene(0.0, self._track)
 
     def close(self) -> None:
-        """Ends the file.
-
-        Raises:
-            UserError: if it cannot be written.
-        """
+        """Ends the file."""
         self._log.close()
 
     @functools.singledispatchmethod
     def take(self, event: events.RaceEvent) -> None:
-        """Writes an event; of most kinds there is a method below.
-
-        Raises:
-            UserError: if the file cannot be written.
-        """
+        """Writes an event; of most kinds there is a method below."""
 
     @take.register
     def _(self, event: events.StateSample) -> None:

@@ -4,6 +4,7 @@ Foxglove's panels show those with one of its channels as they are. The others ar
 schemas of ours.
 """
 
+import logging
 from typing import Any
 
 import foxglove
@@ -11,6 +12,21 @@ from foxglove import channels as fg
 
 from airrace.recording import foxglove_messages as messages
 from airrace.recording import json_topics
+
+
+def _silence_sdk() -> None:
+    """Keeps the SDK from filling the terminal of a race: airrace says itself what fails.
+
+    Only the first call counts, and it must come before there is a file or a server.
+    """
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    foxglove.set_log_level(logging.CRITICAL)
+    # It sets up the logging of the whole program, which is not its own.
+    root.handlers, root.level = handlers, level
+
+
+_silence_sdk()
 
 
 def _state(time, state, vehicle):

@@ -1,6 +1,9 @@
 """The file race.mcap while it is being written."""
 
 import contextlib
+import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
     from airrace.recording.foxglove_server import FoxgloveServer
 
 FILE = "race.mcap"
+_FAULTS = (OSError, RuntimeError, ValueError)  # what the SDK raises
+_ROOM = 1 << 20  # bytes: with less, a disk is full
 
 
 class RaceLog:
@@ -41,7 +46,7 @@ class RaceLog:
         self._channels: dict[str, Any] = {}
         if path is None:
             return
-        with self._writing():
+        try:
             self._writer = foxglove.open_mcap(
                 path,
                 allow_overwrite=True,
@@ -49,6 +54,11 @@ class RaceLog:
                 # Threads would take the time from another race's process.
                 writer_options=MCAPWriteOptions(profile="airrace", compression_threads=0),
             )
+        except _FAULTS as e:
+            raise UserError(
+                f"{path} cannot be written ({_reason(path, e)}); make room there, write elsewhere, "
+                "or race with --record none."
+            ) from None
         self._channels = make_channels(self._context)
 
     def write(self, topic: str, time: float, message: Any) -> None:
@@ -59,46 +69,43 @@ class RaceLog:
             self._live.write(topic, time, message)
 
     def attach(self, name: str, text: str) -> None:
-        """Adds a file, so that the log can be understood without others.
-
-        Raises:
-            UserError: if it cannot be written.
-        """
-        if self._writer is not None:
-            with self._writing():
-                self._writer.attach(
-                    log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()
-                )
+        """Adds a file, so that the log can be understood without others."""
+        self._do(
+            lambda writer: writer.attach(
+                log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()
+            )
+        )
 
     def flush(self) -> None:
-        """Hands everything so far to the operating system.
-
-        Raises:
-            UserError: if it cannot be written.
-        """
-        if self._writer is not None:
-            with self._writing():
-                self._writer.flush()
+        """Hands everything so far to the operating system."""
+        self._do(lambda writer: writer.flush())
 
     def close(self) -> None:
-        """Ends the file; may be called again.
+        """Ends the file; may be called again."""
+        self._do(lambda writer: writer.close())
+        self._writer = None
 
-        Raises:
-            UserError: if it cannot be written.
-        """
-        if self._writer is not None:
-            with self._writing():
-                self._writer.close()
-            self._writer = None
-
-    @contextlib.contextmanager
-    def _writing(self):
-        """For what is done with the file; after it failed, there is no file any more."""
+    def _do(self, action: Callable[[foxglove.MCAPWriter], object]) -> None:
+        """Does something with the file. If that fails, the race goes on without it, and says so."""
+        if self._writer is None:
+            return
         try:
-            yield
-        except (OSError, RuntimeError, ValueError) as e:
-            self._writer = None  # at the interpreter's end, the SDK would say it once more
-            raise UserError(
-                f"{self._path} cannot be written ({words(e)}); make room "
-                "there, write elsewhere, or race with --record none."
-            ) from None
+            action(self._writer)
+        except _FAULTS as e:
+            with contextlib.suppress(*_FAULTS):
+                self._writer.close()  # else the SDK would try it at the interpreter's end
+            self._writer, self._channels = None, {}
+            assert self._path is not None
+            print(
+                f"airrace: {self._path} cannot be written any more ({_reason(self._path, e)}): "
+                "the race goes on, and is recorded up to here.",
+                file=sys.stderr,
+            )
+
+
+def _reason(path: Path, error: Exception) -> str:
+    """Returns a clause on why a file cannot be written; the SDK does not tell."""
+    with contextlib.suppress(OSError):
+        if shutil.disk_usage(path.parent).free < _ROOM:
+            return "the disk is full"
+    return words(error)

@@ -1,18 +1,43 @@
 """The map on disk: map.json, which can be read again, and map_statistics.json."""
 
-import json
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
+from airrace.common.json_files import read_json
 from airrace.track.course import Course
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.track.track_files import load_track
 
 TRACK = "track"  # in place of a file: where the gates really are
+_FARTHEST, _WIDEST = 1e7, 100.0  # m, of a map that is read: coordinates, spacing of pylons
+
+
+class GateJson(TypedDict):
+    """A gate of map.json."""
+
+    gate: int  # from 1
+    midpoint: list[float]  # (m)
+    heading_deg: float
+    spacing: float  # of its pylons (m)
+
+
+class MarkerJson(TypedDict):
+    """A marker of map.json."""
+
+    id: int
+    position: list[float]  # (m)
+    normal: list[float]
+
+
+class MapJson(TypedDict):
+    """map.json, as far as it is read again."""
+
+    gates: list[GateJson]
+    markers: list[MarkerJson]
 
 
 def write_map(directory: Path, gate_map: GateMap) -> None:
@@ -85,30 +110,28 @@ def read_map(name: str, track_name: str) -> GateMap:
     """
     if name == TRACK:
         return true_map(load_track(track_name, markers=True))
-    try:
-        data = json.loads(Path(name).read_text(encoding="utf-8"))
-        gates = [
-            GateEstimate(
-                number=int(gate["gate"]) - 1,
-                p_WG=_finite(gate["midpoint"], (3,)),
-                heading=np.deg2rad(float(_finite(gate["heading_deg"]))),
-                spacing=float(_finite(gate["spacing"])),
-            )
-            for gate in data["gates"]
-        ]
-        markers = tuple(
-            _known_marker(m["id"], _finite(m["position"], (3,)), _finite(m["normal"], (3,)))
-            for m in data["markers"]
+    remedy = f"give the map.json of an earlier race, or '{TRACK}'"
+    data = read_json(Path(name), MapJson, "map", remedy)
+    gates = [
+        GateEstimate(
+            number=gate["gate"] - 1,
+            p_WG=np.array(gate["midpoint"], float),
+            heading=np.deg2rad(gate["heading_deg"]),
+            spacing=float(gate["spacing"]),
         )
-    except OSError as e:
+        for gate in data["gates"]
+    ]
+    markers = tuple(
+        _known_marker(each["id"], np.array(each["position"]), np.array(each["normal"]))
+        for each in data["markers"]
+    )
+    vectors = [gate.p_WG for gate in gates] + [v for m in markers for v in (m.p_WM, m.normal)]
+    if not all(v.shape == (3,) and np.abs(v).max() <= _FARTHEST for v in vectors):
         raise UserError(
-            f"The map {name} cannot be read ({e.strerror}); give the map.json of an earlier "
-            f"race, or '{TRACK}'."
-        ) from None
-    except (ValueError, KeyError, TypeError):
-        raise UserError(
-            f"{name} is not a map: give the map.json of an earlier race, or '{TRACK}'."
-        ) from None
+            f"{name} is no map: a vector must be three numbers up to 10,000 km; {remedy}."
+        )
+    if not all(0.0 < gate.spacing <= _WIDEST for gate in gates):
+        raise UserError(f"{name} is no map: a spacing must be above 0 and at most 100 m; {remedy}.")
     numbers = [gate.number for gate in gates]
     if len(gates) < 2 or sorted(numbers) != list(range(len(gates))):
         raise UserError(
@@ -135,11 +158,3 @@ def true_map(track: Course) -> GateMap:
 def _known_marker(id: int, p_WM: np.ndarray, normal: np.ndarray) -> MarkerEstimate:
     """Returns a marker whose position is exact."""
     return MarkerEstimate(int(id), 1, 0, p_WM, np.zeros(3), normal)
-
-
-def _finite(values: ArrayLike, shape: tuple[int, ...] = ()) -> np.ndarray:
-    """Returns numbers of a file; raises ValueError unless they have a shape and are finite."""
-    numbers = np.asarray(values, float)
-    if numbers.shape != shape or not np.isfinite(numbers).all():
-        raise ValueError
-    return numbers

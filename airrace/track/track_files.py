@@ -46,11 +46,19 @@ def load_track(name_or_file: str | os.PathLike[str], *, markers: bool = False) -
 
 @functools.lru_cache(maxsize=8)
 def _load_track(path: Path, _mtime: int) -> Course:
-    course = load_yaml(_kind_of(path), filename=path)
+    return checked_track(load_yaml(_kind_of(path), filename=path), str(path))
+
+
+def checked_track[T: Course](course: T, where: str) -> T:
+    """Returns a track that can be raced; where: the file that it is from.
+
+    Raises:
+        UserError: if it cannot be raced.
+    """
     try:
         course.check()
     except ValueError as e:
-        raise UserError(f"The track {path} cannot be raced: {e}.") from None
+        raise UserError(f"The track {where} cannot be raced: {e}.") from None
     return course
 
 

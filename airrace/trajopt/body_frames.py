@@ -8,6 +8,7 @@ from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrus
 from airrace.trajopt.reference import as_reference
 
 SPACING = 3.0  # m of path between two frames that are shown
+_MOST = 2000  # frames; a path that takes more has them farther apart
 
 
 class BodyFrames(NamedTuple):
@@ -27,11 +28,11 @@ def body_frames(samples: np.ndarray, spacing: float = SPACING) -> BodyFrames:
     Args:
         samples: of the trajectory, as in trajopt/reference.py, (18, n) with n > 1, so close
             that the path between two of them is nearly straight.
-        spacing: of path from frame to frame (m).
+        spacing: of path from frame to frame (m), at least.
     """
     steps = np.linalg.norm(np.diff(as_reference(samples).position, axis=1), axis=0)
     path = np.concatenate([[0.0], np.cumsum(steps)])
-    marks = np.arange(0.0, path[-1] + 1e-9, spacing)
+    marks = np.arange(0.0, path[-1] + 1e-9, max(spacing, path[-1] / _MOST))
     at = np.array([np.interp(marks, path, row) for row in samples])
     position, yaw = as_reference(at).position, as_reference(at).yaw
     (x_axes, _, z_axes), *_ = attitude_from_force(

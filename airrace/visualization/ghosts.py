@@ -8,6 +8,7 @@ from pydrake.geometry import IllustrationProperties, Meshcat, Rgba, RoleAssign
 from pydrake.multibody.parsing import Parser
 
 from airrace.analysis import Run
+from airrace.analysis.log import reading
 from airrace.analysis.recorded_events import recorded_events
 from airrace.common.errors import UserError
 from airrace.rendering.scene.scenery import AddPad, AddScenery
@@ -107,7 +108,8 @@ def replay_page(
         if i > 0
     ]
     record = record_of(run, pictures, meshcat).whole()
-    return make_page(meshcat.StaticHtml(), config, record)
+    with reading(run.folder, "what the page is made of"):
+        return make_page(meshcat.StaticHtml(), config, record)
 
 
 def record_of(run: Run, pictures: bool = True, meshcat: Meshcat | None = None) -> RaceRecord:
@@ -124,7 +126,8 @@ def record_of(run: Run, pictures: bool = True, meshcat: Meshcat | None = None) -
     record = RaceRecord()
     sink = PageSink(record, run.track, run.vehicle, meshcat=meshcat)
     for event in recorded_events(run, pictures):
-        sink.take(event)
+        with reading(run.folder, f"the {type(event).__name__} at {event.time:.2f} s"):
+            sink.take(event)
     record.end(float(run.state["time"].iloc[-1]), run.result)
     return record
 

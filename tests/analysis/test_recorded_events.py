@@ -95,5 +95,7 @@ def test_a_log_that_lacks_something_is_refused(run, tmp_path, monkeypatch):
     log.write("/referee/crossings", 1.0, crossing_data(crossings(1)[0]))
     log.close()
     monkeypatch.setattr(run, "folder", tmp_path)
-    with pytest.raises(UserError, match="was recorded by an older airrace.*again"):
+    with pytest.raises(
+        UserError, match="a message of /plan is not as this airrace writes it.*again"
+    ):
         list(recorded_events(run))

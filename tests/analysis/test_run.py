@@ -158,8 +158,8 @@ def test_what_was_raced_is_in_the_log(tmp_path):
     "name, text, words",
     [
         ("race.json", None, "race.json cannot be read .No such file.*; name the folder"),
-        ("race.json", "{}", "is no race.json; name the folder"),
-        ("race.json", "[", "is no race.json; name the folder"),
+        ("race.json", "{}", "is no race.json: .*; name the folder"),
+        ("race.json", "[", "is no race.json: .*; name the folder"),
         ("scenario.yaml", None, "scenario.yaml"),
         ("race.mcap", "nothing", "race.mcap is no MCAP file"),
     ],
@@ -179,3 +179,46 @@ def test_without_pyarrow_one_sentence_says_what_to_do(run, tmp_path, monkeypatch
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UserError, match="pip install 'airrace.analysis.', or export as csv"):
         run.export(tmp_path, "parquet")
+
+
+@pytest.mark.parametrize(
+    "topic, message, words",
+    [
+        ("/map", {"map": {"gates": 3}}, "a message of /map is not as"),
+        ("/plan", {"lap": 1, "gate_times": [0.0], "step": "x"}, "a message of /plan is not as"),
+        ("/referee/crossings", {"time": 1}, "a message of /referee/crossings is not as"),
+        ("/imu", {"time": 1, "angular_velocity": [], "specific_force": 1}, "a message of /imu is"),
+        (
+            "/referee/crossings",
+            {"time": 1e300, "gate": 1, "lap": 1, "offset": 0.0, "max_speed": 1.0},
+            "the signal crossings is not as",
+        ),
+    ],
+)
+def test_messages_of_another_shape(tmp_path, topic, message, words):
+    folder = make_run(tmp_path / "run", laps=1, recorded=False)
+    log = RaceLog(folder / "race.mcap")
+    log.write(topic, 1.0, message)
+    log.close()
+    with pytest.raises(UserError, match=f"race.mcap: {words}"):
+        load_run(folder)
+
+
+def test_a_log_whose_track_cannot_be_raced(tmp_path):
+    folder = make_run(tmp_path / "run", laps=1, recorded=False)
+    log = RaceLog(folder / "race.mcap")
+    log.attach("track.yaml", "{}")
+    log.close()
+    with pytest.raises(UserError, match="The track in .*race.mcap cannot be raced: "):
+        load_run(folder)
+
+
+def test_a_damaged_log_says_so_in_tables_and_report(tmp_path, capsys):
+    folder = make_run(tmp_path / "run", laps=1)
+    data = bytearray((folder / "race.mcap").read_bytes())
+    data[len(data) // 4] ^= 1
+    (folder / "race.mcap").write_bytes(data)
+    for words in (["tables"], ["report"]):
+        assert command([*words, str(folder)]) == 0
+        assert "race.mcap is damaged at" in capsys.readouterr().err
+    assert "race.mcap is damaged at" in (folder / "report.html").read_text()

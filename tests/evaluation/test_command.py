@@ -54,7 +54,7 @@ BAD = [
     ),
     (
         ["--track", "student-airrace", "--output", "full", "--resume"],
-        "full/evaluation.json is not the settings",
+        "full/evaluation.json is no file with the settings",
     ),
 ]
 

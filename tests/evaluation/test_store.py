@@ -84,6 +84,10 @@ def test_a_bad_line_in_the_middle_is_named(tmp_path):
     with pytest.raises(UserError, match="Line 1 of .*races.jsonl is not the row"):
         opened(tmp_path, resume=True)
     assert path.read_text().startswith("nonsense\n")
+    broken = row(0) | {"result": row(0)["result"] | {"laps": [{"time_s": "quick"}]}}
+    path.write_text(json.dumps(broken) + "\n")
+    with pytest.raises(UserError, match="Line 1 of .*: result.laps.0..*; remove the line"):
+        opened(tmp_path, resume=True)
 
 
 class TestResume:
@@ -124,7 +128,7 @@ class TestResume:
         with pytest.raises(UserError, match="evaluation.json is missing"):
             opened(tmp_path, resume=True)
         (tmp_path / "evaluation.json").write_text("[]")
-        with pytest.raises(UserError, match="is not the settings of an evaluation"):
+        with pytest.raises(UserError, match="is no file with the settings of an evaluation"):
             opened(tmp_path, resume=True)
 
 

@@ -5,8 +5,16 @@ import json
 from airrace.common.files import write_json
 from airrace.evaluation.versions import versions
 from airrace.league.entry import load_entry
+from airrace.league.league_json import with_digests
 from airrace.league.season import Season, make_legs
-from airrace.league.season_files import keep_files, keep_sources, settings, write_league
+from airrace.league.season_files import (
+    flight_lines,
+    keep_files,
+    keep_sources,
+    make_league,
+    settings,
+    write_league,
+)
 from airrace.league.worker import result_digest
 from tests.league.entries import make_entry
 
@@ -71,9 +79,18 @@ def make_season(folder, results):
             rows.append(keep_files(folder, made))
             path = folder / "races" / f"{name}-{leg}" / "race.json"
             write_json(path, {**made["result"], "wall": {"seconds": 3.0}})
+    (folder / "flights.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     flown = {"versions": versions({}), "safe": True}
     told = settings(SEASON, SECRET, entries, {}, flown)
-    return write_league(folder, told, make_legs(SEASON, SECRET), rows)
+    write_league(folder, make_league(told, make_legs(SEASON, SECRET), flight_lines(rows)))
+    return json.loads((folder / "league.json").read_text())
+
+
+def seal(folder):
+    """Gives league.json the hashes of what is in a season's folder now, as a forger does."""
+    league = json.loads((folder / "league.json").read_text())
+    rest = {name: value for name, value in league.items() if name not in ("files", "sha256")}
+    write_json(folder / "league.json", with_digests(rest, folder, "league.json"))
 
 
 def forge(path, change):

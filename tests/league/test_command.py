@@ -15,9 +15,10 @@ from airrace.commands.app import main
 from airrace.common.resources import models_path
 from airrace.league import command as module
 from airrace.league import proof, sandbox
+from airrace.league.season_files import ranking_of
 from airrace.league.worker import result_digest
 from tests.league.entries import make_entry
-from tests.league.seasons import SECRET, forge
+from tests.league.seasons import SECRET, forge, seal
 from tests.worlds.processes import descendant, wait_until
 
 NO_SANDBOX = sandbox.why_no_sandbox()
@@ -65,7 +66,7 @@ def folder(tmp_path, monkeypatch):
         (["run", "brief.yaml", "herons", "--workers", "0"], "--workers must be at least 1"),
         (["run", "brief.yaml", "herons", "--resume"], "--resume needs --output"),
         (["run", "brief.yaml", "herons", "--scheduler", "x", "--workers", "1"], "exclude each oth"),
-        (["verify", "brief.yaml"], "cannot be read as a league's result"),
+        (["verify", "brief.yaml"], "is no result of a league: .*; name the league.json"),
     ],
 )
 def test_bad_input_is_answered_in_a_sentence(folder, capsys, monkeypatch, words, sentence):
@@ -185,6 +186,7 @@ class TestASeason:
         assert "1 of 2 races have been flown already" in capfd.readouterr().err
         after = json.loads((copy / "league.json").read_text())
         for league in (before, after):
+            del league["files"], league["sha256"]
             for line in league["flights"]:
                 line.pop("conduct")  # processor times differ
         assert after == before
@@ -194,20 +196,28 @@ class TestASeason:
         copy = tmp_path / "out"
         shutil.copytree(folder, copy)
         race = copy / "races" / "herons-1" / "race.json"
-        forge(race, lambda data: data.update(finished=True, dnf_reason=None, mean_lap_s=5.0))
+        figures = {"finished": True, "dnf_reason": None, "mean_lap_s": 5.0, "best_lap_s": 5.0}
+        forge(race, lambda data: data.update(figures))
         result = proof.read_result(race)
+        rows = [json.loads(row) for row in (copy / "flights.jsonl").read_text().splitlines()]
+        for row in rows:
+            if row["entry"] == "herons":
+                row |= {"result": result, "sha256": result_digest(result)}
+        (copy / "flights.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
         def line(league):
             (forged,) = (f for f in league["flights"] if f["entry"] == "herons")
-            forged.update(finished=True, dnf_reason=None, mean_lap_s=5.0)
+            forged.update(figures)
             forged["sha256"] = result_digest(result)
             names = [entry["entry"] for entry in league["settings"]["entries"]]
-            league["ranking"] = proof.ranking_of(names, league["flights"], league["settings"])
+            league["ranking"] = ranking_of(names, league["flights"], league["settings"])
 
         forge(copy / "league.json", line)
+        seal(copy)
         words = ["league", "verify", str(copy / "league.json"), "--entry", "herons"]
         assert main([*words, "--seed_file", str(folder.parent / "brief.seed")]) == 1
-        right, wrong = capsys.readouterr().out.splitlines()
+        right, note, wrong = capsys.readouterr().out.splitlines()
+        assert "league.json was written with the hash " in note
         assert right == "right  all files of 2 races agree"
         assert wrong.startswith("WRONG  race 1 of herons: flown again, ")
 

@@ -1,5 +1,7 @@
 import json
 import re
+import subprocess
+import sys
 
 from airrace.common.resources import models_path
 from airrace.recording.topics import TOPICS
@@ -17,3 +19,11 @@ def test_the_layout_shows_topics_that_there_are():
         return [*panels(node["first"]), *panels(node["second"])]
 
     assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+
+
+def test_the_logging_of_the_program_is_left_as_it_is():
+    code = (
+        "import logging, airrace.recording.topics; print(logging.root.handlers, logging.root.level)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "[] 30\n", done.stderr

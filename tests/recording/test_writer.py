@@ -1,3 +1,8 @@
+import gc
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -73,9 +78,22 @@ def test_two_logs_do_not_mix(tmp_path):
             assert len(list(make_reader(file).iter_messages())) == 1
 
 
-@pytest.mark.parametrize("path", ["/dev/full", "/none/race.mcap"])
-def test_a_file_that_cannot_be_written(path):
+def test_a_file_that_cannot_be_written():
+    path = Path("/none/race.mcap")
     with pytest.raises(UserError, match=f"{path} cannot be written .*--record none"):
-        log = RaceLog(path)
-        write_line(log, 1.0)
+        RaceLog(path)
+
+
+def test_a_disk_that_gets_full_is_one_line_and_the_race_goes_on(capfd, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=4096))
+    log = RaceLog(Path("/dev/full"))
+    for time in range(3):
+        write_line(log, float(time))
         log.flush()
+    log.close()
+    del log
+    gc.collect()
+    assert capfd.readouterr().err == (
+        "airrace: /dev/full cannot be written any more (the disk is full): the race goes on, and "
+        "is recorded up to here.\n"
+    )

@@ -141,6 +141,9 @@ def test_the_map_of_an_earlier_race(tmp_path):
         lambda data: data["gates"][0].update(midpoint=[1.0, 2.0]),
         lambda data: data["gates"][0].update(heading_deg=float("nan")),
         lambda data: data["gates"][0].update(spacing="wide"),
+        lambda data: data["gates"][0].update(spacing=-1.0),
+        lambda data: data["gates"][0].update(midpoint=[1.0, 2.0, 1e9]),
+        lambda data: data["markers"][0].update(id=1.5),
         lambda data: data.update(gates=5),
     ],
 )

@@ -32,6 +32,13 @@ def test_there_is_one_every_three_metres(samples):
     np.testing.assert_allclose(frames.positions[:, 0], [RADIUS, 0.0, 0.0])
 
 
+def test_there_are_not_too_many(samples):
+    far = samples.copy()
+    far[0, -1] = 1e6
+    positions, _, _ = body_frames(far)
+    assert 1900 < positions.shape[1] < 2100
+
+
 def test_axes_are_orthogonal_unit_vectors(samples):
     _, x, z = body_frames(samples)
     for axes in (x, z):

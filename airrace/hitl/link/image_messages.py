@@ -10,6 +10,7 @@ from drake import lcmt_image
 from airrace.hitl.link.codec import check_finite
 from airrace.hitl.link.packets import MALFORMED, OVERSIZED, Dropped
 from airrace.lcmtypes import lcmt_pictures
+from airrace.recording.pictures import size_of_jpeg
 from airrace.systems.sensing.picture_ports import COLOUR, GREY, PICTURE_PORTS
 
 JPEG_QUALITY = 80
@@ -99,7 +100,7 @@ def _decoded(image: lcmt_image, name: str) -> np.ndarray:
 
 
 def _from_jpeg(image: lcmt_image, name: str) -> np.ndarray:
-    if _size_of_jpeg(image.data) != (image.width, image.height):  # which OpenCV would believe
+    if size_of_jpeg(image.data) != (image.width, image.height):  # which OpenCV would believe
         raise Dropped(MALFORMED)
     shape = (image.height, image.width) if name == GREY else (image.height, image.width, 3)
     flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_UNCHANGED
@@ -110,13 +111,3 @@ def _from_jpeg(image: lcmt_image, name: str) -> np.ndarray:
     if pixels is None or pixels.dtype != np.uint8 or pixels.shape != shape:
         raise Dropped(MALFORMED)
     return pixels if name == GREY else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA)
-
-
-def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
-    """Returns width and height that a JPEG file says it has, None if it is none."""
-    at = 2
-    while data[:2] == b"\xff\xd8" and at + 9 < len(data) and data[at] == 0xFF:
-        if data[at + 1] in (0xC0, 0xC1, 0xC2):  # start of frame
-            return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
-    return None

@@ -18,7 +18,7 @@ def test_stopping_ends_the_process_and_its_workers(script, code, tmp_path, monke
     program = tmp_path / "python"
     program.write_text(f"#!/bin/sh\n{script}")
     program.chmod(0o755)
-    monkeypatch.setattr(local.sys, "executable", str(program))
+    monkeypatch.setattr(local, "module_command", lambda *words: [str(program)])
     log = []
     with contextlib.closing(LocalCompanion()) as companion:
         autonomy = companion.start([], {"a/b": b"1"}, log.append)

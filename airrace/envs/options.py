@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.common.yaml import yaml_dump
 
+from airrace.common import jit
 from airrace.common.errors import UserError
 from airrace.envs import action
 from airrace.envs.reward import RewardWeights
@@ -21,6 +22,8 @@ from airrace.track.map_files import TRACK
 OBSERVATIONS = ("gates", "estimate", "pixels")
 GENERATED = "generated"  # the track: a new one each episode
 LEVELS = (0, 1, 2, 3, 4)
+
+jit.announce()  # an environment compiles what its first episodes call
 
 
 class StepInfo(NamedTuple):

@@ -165,6 +165,24 @@ def watched(show: Callable[[int], object]) -> Iterator[None]:
         yield
 
 
+def announce() -> None:
+    """Says so, once, if from here on something of this package is compiled in this process."""
+
+    class Listener(numba.core.event.Listener):
+        said = False
+
+        def on_start(self, event):
+            name = event.data["dispatcher"].py_func.__module__
+            if not self.said and name.startswith(f"{PACKAGE.name}."):
+                self.said = True
+                print("airrace: compiling, once; it takes about a minute", file=sys.stderr)
+
+        def on_end(self, event):
+            pass
+
+    numba.core.event.register("numba:compile", Listener())
+
+
 compilable = numba.extending.register_jitable
 
 

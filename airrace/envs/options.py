@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.common.yaml import yaml_dump
 
+from airrace.common import jit
 from airrace.common.errors import UserError
 from airrace.common.plain_values import plain, plain_tree, whole_number
 from airrace.envs import action
@@ -22,6 +23,8 @@ from airrace.track.map_files import TRACK
 OBSERVATIONS = ("gates", "estimate", "pixels")
 MAX_PIECE = 0.02  # s, along which a flight counts as a straight line
 GENERATED = "generated"  # the track: a new one each episode
+
+jit.announce()  # an environment compiles what its first episodes call
 
 
 class StepInfo(NamedTuple):

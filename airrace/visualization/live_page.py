@@ -93,7 +93,7 @@ class LivePage:
         try:
             self.meshcat.GetNumActiveConnections()
         except RuntimeError:
-            # Its thread has died. To destroy it would abort this process: it is kept for ever.
+            # Its thread has died. To destroy it aborts this process, or never ends: it is kept.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.meshcat))
 
     def begin(self, config: dict) -> None:

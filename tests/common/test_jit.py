@@ -190,3 +190,23 @@ def test_what_is_compiled_is_counted_meanwhile():
         one_more(1.0)
     one_more(1j)
     assert counts == [1, 2]
+
+
+def test_what_is_compiled_unasked_is_announced_once(monkeypatch, capsys):
+    listeners = []
+    with monkeypatch.context() as patch:
+        patch.setattr(numba.core.event, "register", lambda *both: listeners.append(both))
+        jit.announce()
+    ((kind, listener),) = listeners
+
+    @numba.njit
+    def one_more(x):
+        return x + 1
+
+    with numba.core.event.install_listener(kind, listener):
+        one_more(1)
+        assert capsys.readouterr().err == ""  # it is no function of airrace's
+        one_more.py_func.__module__ = "airrace.anything"
+        one_more(1.0)
+        one_more(1j)
+    assert capsys.readouterr().err == "airrace: compiling, once; it takes about a minute\n"

@@ -105,6 +105,7 @@ print("goes on")
 
 
 def test_a_program_outlives_its_dead_page():
-    """Drake aborts a process in which such a Meshcat is destroyed."""
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
+    """To destroy such a Meshcat aborts a process, or never ends."""
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and done.stdout == "goes on\n"

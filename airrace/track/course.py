@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from airrace.track.hall import Hall
     from airrace.track.square_gate import SquareGate
 
+# m, of a coordinate: there, positions and what is seen of gates are still exact.
+FARTHEST = 10_000.0
 MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 
@@ -177,4 +179,10 @@ class Course(abc.ABC):
         )
         for number, gate in enumerate(self.gates, 1):
             gate.check(number)
+        farthest = np.abs([*self.outline(), self.start.position]).max()
+        require(
+            farthest <= FARTHEST,
+            f"it reaches {farthest:.0f} m from the origin, and {FARTHEST:.0f} m is the most: take "
+            "coordinates from a point near the start, not of a map such as UTM's",
+        )
         self._check_layout()

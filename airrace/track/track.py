@@ -18,6 +18,7 @@ PYLON_TIP_RADIUS = 0.15
 BOARD_SIZE = 1.5
 BOARD_HEIGHT = 6.25  # of the board's centre
 BOARD_OFFSET = 1.0  # of a board's face from the pylon axis, to front and back
+MOST_TURN = np.deg2rad(150.0)  # of a leg, off the headings of the gates at both of its ends
 MARKER_SIZE = 1.2  # the black square; the rest is white border
 
 
@@ -144,6 +145,7 @@ class Track(Course):
                 not 1 < j - i < n - 1 or between_legs[i, j] > 0,
                 f"the track crosses itself after gates {i + 1} and {j + 1}",
             )
+        self._check_turns(middle)
         start = np.array(self.start.position[:2])
         distance = np.linalg.norm(pylons - start, axis=1)
         nearest = int(np.argmin(distance))
@@ -151,3 +153,20 @@ class Track(Course):
             distance[nearest] > PYLON_BASE_RADIUS + 1.0,
             f"the start is too close to a pylon of gate {nearest // 2 + 1}",
         )
+
+    def _check_turns(self, middle: np.ndarray) -> None:
+        """Requires that no leg leads straight back: there a lap would turn in a gate's plane.
+
+        Args: middle: of the gates, (n, 2) m.
+        """
+        forward = np.array([gate.forward[:2] for gate in self.gates])
+        legs = np.roll(middle, -1, axis=0) - middle
+        legs /= np.linalg.norm(legs, axis=1, keepdims=True)
+        for i, leg in enumerate(legs):
+            following = (i + 1) % len(legs)
+            require(
+                min(leg @ forward[i], leg @ forward[following]) >= np.cos(MOST_TURN),
+                f"the leg from gate {i + 1} to gate {following + 1} leads straight back through "
+                f"one of them: turn by less than {np.rad2deg(MOST_TURN):.0f} degrees off their "
+                "headings",
+            )

@@ -60,6 +60,19 @@ BAD = {
         "gates 3 and 4 overlap",
     ),
     "crossing": (lambda d: d["gates"].insert(3, d["gates"].pop(6)), "crosses itself"),
+    "in a row": (
+        lambda d: d.update(
+            gates=[{"left_pylon": [x, 5.0], "heading_deg": 0.0} for x in (0, 25, 50)]
+        ),
+        "the leg from gate 3 to gate 1 leads straight back through one of them: turn by less than 150",
+    ),
+    "coordinates of UTM": (
+        lambda d: [
+            gate["left_pylon"].__setitem__(0, gate["left_pylon"][0] + 1e6) for gate in d["gates"]
+        ],
+        "it reaches 10000.. m from the origin, and 10000 m is the most",
+    ),
+    "a start far away": (lambda d: d["start"].update(position=[0.0, -2e4, 0.0]), "reaches 20000 m"),
     "start in a pylon": (
         lambda d: d["start"].update(position=[20.0, 4.0, 0.0]),
         "start is too close",

@@ -56,6 +56,7 @@ hitl/playback.py                         diagrams/test_warm_up.py
 hitl/remote_autonomy.py                  hitl/test_hitl_race.py
 league/check.py                          league/test_entry_race.py
 league/display.py                        league/test_command.py
+league/league_json.py                      league/test_folder_check.py
 league/sandbox.py                        league/test_entry_race.py
 league/season_files.py                   league/test_proof.py
 league/season_run.py                     league/test_command.py

@@ -19,6 +19,7 @@ from airrace.recording.writer import FILE
 from airrace.track import Track, load_track
 from airrace.track.track_files import checked_track
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.vehicle import checked_vehicle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +103,8 @@ class Run:
         else:
             self.track = load_track(self.scenario.track, markers=True)
         if "vehicle.yaml" in files:
-            self.vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
+            vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
+            self.vehicle = checked_vehicle(vehicle, f"in {log}")
         else:
             self.vehicle = load_vehicle(self.scenario.drone)[0]
         self.complete = self.recorded and is_complete(log)

@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from airrace.analysis.log import read_log, reading
-from airrace.common.errors import UserError
 from airrace.recording.json_topics import PLAN_COLUMNS
 
 _ODOMETRY = {
@@ -94,26 +93,20 @@ def read_signals(path: Path | None, without: Iterable[str] = ()) -> dict[str, pd
         for topic, time, message in read_log(path, [t for t in _READERS if t not in without]):
             with reading(path, f"a message of {topic}"):
                 _READERS[topic](rows, time, message)
-    signals = {
-        name: pd.DataFrame(rows[name], columns=names, dtype=None if rows[name] else float)
-        for name, names in SIGNALS.items()
-    }
-    for name, table in signals.items():
-        if not _is_sound(name, table):
-            raise UserError(
-                f"{path}: the signal {name} is not as this airrace writes it; fly the run's "
-                "scenario.yaml again."
-            )
+    signals = {}
+    for name, names in SIGNALS.items():
+        with reading(path or Path(), f"the signal {name}"):
+            dtype = None if rows[name] else float
+            signals[name] = pd.DataFrame(rows[name], columns=names, dtype=dtype)
+            if not _is_sound(name, signals[name]):
+                raise ValueError
     return signals
 
 
 def _is_sound(name: str, table: pd.DataFrame) -> bool:
     """Whether the numbers of a signal can be of a race; NaN can."""
     texts = [column for column in _TEXTS if column in table]
-    try:
-        numbers = table.drop(columns=texts).to_numpy(float)
-    except (TypeError, ValueError):
-        return False
+    numbers = table.drop(columns=texts).to_numpy(float)
     if np.any(np.abs(numbers) > _LARGEST):
         return False
     if not table[texts].map(lambda text: isinstance(text, str)).all(axis=None):

@@ -229,6 +229,19 @@ def find_vehicle(drone: str | os.PathLike[str]) -> Path:
     )
 
 
+def checked_vehicle(vehicle: Vehicle, where: str) -> Vehicle:
+    """Returns a vehicle that can fly; where: the file that it is from.
+
+    Raises:
+        UserError: if it cannot.
+    """
+    try:
+        vehicle.check()
+    except ValueError as e:
+        raise UserError(f"The vehicle {where} cannot fly: {e}.") from None
+    return vehicle
+
+
 def load_vehicle(drone: str | os.PathLike[str]) -> tuple[Vehicle, Path]:
     """Returns a checked vehicle, and the path of its SDF file; see find_vehicle().
 
@@ -236,11 +249,7 @@ def load_vehicle(drone: str | os.PathLike[str]) -> tuple[Vehicle, Path]:
         UserError: if there is no such drone or its file is wrong.
     """
     path = find_vehicle(drone)
-    vehicle = load_yaml(Vehicle, filename=path)
-    try:
-        vehicle.check()
-    except ValueError as e:
-        raise UserError(f"The vehicle {path} cannot fly: {e}.") from None
+    vehicle = checked_vehicle(load_yaml(Vehicle, filename=path), str(path))
     sdf = path.parent / vehicle.model
     if not os.path.isfile(sdf):  # pathlib's raises on names that are too long
         raise UserError(f"The vehicle {path} names the model {sdf}, which does not exist.")

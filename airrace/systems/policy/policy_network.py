@@ -1,6 +1,8 @@
 """The network of a policy, and its file."""
 
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +16,11 @@ from airrace.vehicle import Vehicle
 
 ACTIONS = 4  # collective thrust and body rates, see command_scale.py
 _MOST_BYTES = 20_000_000
+# What NumPy and its archive raise for a file that is broken.
+_BROKEN = (
+    *(ArithmeticError, EOFError, LookupError, MemoryError, RuntimeError, TypeError, ValueError),
+    *(struct.error, zipfile.BadZipFile, zlib.error),
+)
 _SLACK = 0.05  # of the range of the training: a hover that is quite level may be beyond it
 
 
@@ -79,6 +86,9 @@ def load_policy(path: Path, vehicle: Vehicle) -> PolicyNetwork:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ValueError(f"it is larger than {_MOST_BYTES} bytes")
+        with zipfile.ZipFile(path) as archive:
+            if sum(each.file_size for each in archive.infolist()) > _MOST_BYTES:
+                raise ValueError(f"it decompresses to more than {_MOST_BYTES} bytes")
         with np.load(path, allow_pickle=False) as file:
             network = _network(dict(file))
         _check(network, vehicle)
@@ -87,7 +97,7 @@ def load_policy(path: Path, vehicle: Vehicle) -> PolicyNetwork:
             f"The policy {path} cannot be read ({e.strerror or e}); train one with "
             "examples/train_policy.py, or race with --policy none."
         ) from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as e:
+    except _BROKEN as e:
         raise UserError(
             f"The policy {path} cannot fly: {str(e).strip(chr(39))}; train one with "
             "examples/train_policy.py, or race with --policy none."

@@ -1,0 +1,111 @@
+"""What broken and hostile files do to whoever reads them: nothing but a sentence.
+
+    python -m benchmarks.robustness [--inputs 200] [--only race.json league.json] [--json FILE]
+
+Each input is a sound file in which bits, bytes or values were changed, deleted or repeated. A crash
+is any exception but the one that becomes a sentence, or more than 1 GB of memory; a hang takes more
+than 10 s; a wrong result is one that the file does not say, without a word. Of kinds whose reading
+takes about a second, a fifth of the inputs is tried.
+"""
+
+import contextlib
+import io
+import resource
+import signal
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+from random import Random
+
+from benchmarks import harness
+from benchmarks.untrusted_files import KINDS, WrongResult, try_input
+
+_LONGEST, _MEMORY = 10.0, 1e9  # s, bytes
+_TITLE = "Mutated files (bounds: no crash, no hang, no wrong result)"
+
+
+class _Hang(BaseException):
+    """An input takes too long."""
+
+
+def main(argv=None) -> int:
+    """Tries the inputs and prints the table; exit code 1 if one does harm."""
+    parser = harness.make_parser(__doc__)
+    names = [kind.name for kind in KINDS]
+    parser.add_argument("--inputs", type=harness.count, default=200, help="default: %(default)s")
+    parser.add_argument("--only", nargs="+", choices=names, default=names, help="kinds to try")
+    return harness.run(parser, argv, measure, show)
+
+
+def measure(args) -> list:
+    """Returns a row for every kind."""
+    jobs = [(try_kind, (name, args.inputs)) for name in args.only]
+    return harness.in_processes(jobs, "Reading", workers=2, jobs_each=len(jobs))
+
+
+def try_kind(name: str, inputs: int) -> dict:
+    """Returns how many of a kind's inputs did which harm, and the first of each."""
+    (kind,) = (each for each in KINDS if each.name == name)
+    inputs = max(1, inputs // 5) if kind.slow else inputs
+    row = {"kind": name, "inputs": inputs, "crashes": 0, "hangs": 0, "wrong": 0, "first": None}
+    signal.signal(signal.SIGALRM, _raise_hang)
+    with tempfile.TemporaryDirectory() as folder:
+        path = kind.make(Path(folder))
+        whole = path.read_bytes()
+        with contextlib.redirect_stderr(io.StringIO()):
+            kind.read(path)  # what is sound is read
+        before = _memory()
+        for seed in range(inputs):
+            harm = _harm(kind, path, kind.mutate(Random(f"{name} {seed}"), whole))
+            if harm is None and _memory() - before > _MEMORY:
+                harm, before = ("crashes", "more than 1 GB"), _memory()
+            if harm is not None:
+                row[harm[0]] += 1
+                row["first"] = row["first"] or f"input {seed}: {harm[1]}"
+    return row
+
+
+def _harm(kind, path, data):
+    """Returns which harm an input does, and what is said of it; None if none."""
+    signal.setitimer(signal.ITIMER_REAL, _LONGEST)
+    try:
+        try_input(kind, path, data)
+    except _Hang:
+        return "hangs", "more than 10 s"
+    except WrongResult as e:
+        return "wrong", str(e)
+    except Exception as e:
+        at = traceback.extract_tb(e.__traceback__)[-1]
+        return (
+            "crashes",
+            f"{type(e).__name__}: {str(e)[:200]} ({Path(at.filename).name}:{at.lineno})",
+        )
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    return None
+
+
+def _raise_hang(*_):
+    raise _Hang
+
+
+def _memory():
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def show(rows: list) -> tuple[list, bool]:
+    """Returns the table of the rows, and whether no input did harm."""
+    columns = {
+        "kind": "{kind}",
+        "inputs tried": "{inputs}",
+        "crashes": "{crashes}",
+        "hangs": "{hangs}",
+        "wrong results": "{wrong}",
+    }
+    found = [f"{row['kind']}: {row['first']}" for row in rows if row["first"]]
+    return [harness.make_table(_TITLE, rows, columns), *found], not found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -97,7 +97,9 @@ def _make_policy(folder):
 
 
 def _make_entry(folder):
-    return make_entry(folder / "herons", "team: Herons\nautonomy: {trajectory: '3'}\n") / "entry.yaml"
+    return (
+        make_entry(folder / "herons", "team: Herons\nautonomy: {trajectory: '3'}\n") / "entry.yaml"
+    )
 
 
 def _make_rows(folder):

@@ -93,7 +93,7 @@ class RaceLog:
             action(self._writer)
         except _FAULTS as e:
             with contextlib.suppress(*_FAULTS):
-                self._writer.close()  # else the SDK would try it at the interpreter's end
+                self._writer.close()  # else the SDK would try, and say, it at the end
             self._writer, self._channels = None, {}
             assert self._path is not None
             print(

@@ -5,7 +5,7 @@ import zlib
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk
+from mcap.records import Chunk, Schema
 
 from airrace.analysis.log import log_damage, read_attachments, read_log
 from airrace.recording import foxglove_messages
@@ -95,14 +95,22 @@ def chunk(data, size, compression="zstd", crc=0):
     return builder.end()
 
 
-ZEROS = bytes(90_000_000)
+def schema(size):
+    """A record that is right but for its size."""
+    builder = RecordBuilder()
+    Schema(data=bytes(size), encoding="", id=999, name="").write(builder)
+    return builder.end()
+
+
+ZEROS = bytes(60_000_003)  # records of nine bytes, of no kind
+LONG = schema(64_000_001)
 BOMBS = {
-    "more than it may": lambda: chunk(zstandard.compress(ZEROS), len(ZEROS)),
-    "records of nothing": lambda: chunk(zstandard.compress(ZEROS[:60_000_000]), 60_000_000),
+    "more than it may": lambda: chunk(zstandard.compress(LONG), len(LONG)),
+    "records of nothing": lambda: chunk(zstandard.compress(ZEROS), len(ZEROS)),
     "more than it says": lambda: chunk(zstandard.compress(ZEROS), 1000),
     "less than it says": lambda: chunk(zstandard.compress(ZEROS[:1000]), 60_000_000),
     "a claim": lambda: chunk(zstandard.compress(b"")[:4] + b"\xff" * 40, 10**10),
-    "another compression": lambda: chunk(b"abc", 3, "lz4"),
+    "another compression": lambda: chunk(schema(9), len(schema(9)), "lz4"),
     "a checksum": lambda: chunk(b"abc", 3, "", zlib.crc32(b"abd")),
     "a long record": lambda: b"\x06" + (1 << 62).to_bytes(8, "little"),
 }

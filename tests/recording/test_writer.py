@@ -1,7 +1,6 @@
-import gc
-import shutil
+import subprocess
+import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
@@ -84,16 +83,25 @@ def test_a_file_that_cannot_be_written():
         RaceLog(path)
 
 
-def test_a_disk_that_gets_full_is_one_line_and_the_race_goes_on(capfd, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=4096))
-    log = RaceLog(Path("/dev/full"))
-    for time in range(3):
-        write_line(log, float(time))
-        log.flush()
-    log.close()
-    del log
-    gc.collect()
-    assert capfd.readouterr().err == (
+FULL = """
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+from airrace.recording.foxglove_messages import log as line
+from airrace.recording.writer import RaceLog
+shutil.disk_usage = lambda path: SimpleNamespace(free=4096)
+log = RaceLog(Path("/dev/full"))
+for time in range(3):
+    log.write("/explorer", float(time), line(float(time), "HOVER", ""))
+    log.flush()
+log.close()
+"""
+
+
+def test_a_disk_that_gets_full_is_one_line_and_the_race_goes_on():
+    done = subprocess.run([sys.executable, "-c", FULL], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (
+        0,
         "airrace: /dev/full cannot be written any more (the disk is full): the race goes on, and "
-        "is recorded up to here.\n"
+        "is recorded up to here.\n",
     )

@@ -118,6 +118,20 @@ def test_files_that_are_none(tmp_path):
     assert "it has no high" in refusal(tmp_path / "part.npz")
 
 
+def test_archives_that_are_broken_or_bombs(tmp_path):
+    path = tmp_path / "p.npz"
+    linear_network(VEHICLE).save(path)
+    data = bytearray(path.read_bytes())
+    data[60:110] = 50 * b"\xff"  # within what is compressed
+    path.write_bytes(data)
+    with pytest.raises(UserError, match="The policy .*p.npz cannot fly: .*; train one"):
+        load_policy(path, VEHICLE)
+    np.savez_compressed(path, weights_0=np.zeros(3_000_000))
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(UserError, match="it decompresses to more than"):
+        load_policy(path, VEHICLE)
+
+
 def test_a_linear_policy_hovers_in_the_middle_of_a_gate():
     network = linear_network(VEHICLE)
     observation = np.zeros(SIZE)

@@ -4,6 +4,7 @@ import asyncio
 import json
 import subprocess
 import sys
+import time
 
 import pytest
 import tornado.websocket
@@ -70,6 +71,10 @@ def kill(meshcat):
             pass
 
     asyncio.run(send())
+    with pytest.raises(RuntimeError, match="exited unexpectedly"):  # it takes a moment
+        for _ in range(1000):
+            meshcat.GetNumActiveConnections()
+            time.sleep(0.01)
 
 
 def test_a_race_outlives_its_page(run, hexagon, capfd):

@@ -4,6 +4,7 @@ import asyncio
 import json
 import subprocess
 import sys
+import time
 
 import pytest
 import tornado.websocket
@@ -70,6 +71,10 @@ def kill(meshcat):
             pass
 
     asyncio.run(send())
+    with pytest.raises(RuntimeError, match="exited unexpectedly"):  # it takes a moment
+        for _ in range(1000):
+            meshcat.GetNumActiveConnections()
+            time.sleep(0.01)
 
 
 def test_a_race_outlives_its_page(run, hexagon, capfd):
@@ -83,7 +88,8 @@ def test_a_race_outlives_its_page(run, hexagon, capfd):
     with LivePage(load_track(hexagon)) as page:
         page.note = lines.append
         folder = run("watched", page, "{recording: {content: none}}", time_limit=1.5, sinks=[watch])
-    assert len(lines) == 1 and lines[0].startswith("The page is gone (Meshcat's internal websocket")
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("The page is gone (Meshcat's internal websocket"), lines
     assert json.loads((folder / "race.json").read_text())["dnf_reason"].startswith(
         "ran out of time"
     )

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from airrace.track.hall import Hall
     from airrace.track.square_gate import SquareGate
 
-# m, of a coordinate: there, positions and what is seen of gates are still exact.
-FARTHEST = 10_000.0
+# m, of a coordinate: the ground of the simulation ends at 2 km, and beyond it a drone falls.
+FARTHEST = 1500.0
 MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 

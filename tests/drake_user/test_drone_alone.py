@@ -19,6 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from airrace.common.errors import UserError
 from airrace.diagrams.drone_alone import MakeDrone, MakeRotorSpeeds, MakeRpyState
 from airrace.diagrams.simulation import MakeSimulation
+from airrace.math.quaternion import rotation_matrix
 from airrace.scenario import Scenario
 from airrace.scenario.camera_config import CameraConfig
 from airrace.systems.types import ExplorerStatus
@@ -209,3 +210,30 @@ def test_derivatives_of_many_states():
     np.testing.assert_allclose(
         rates[9:12], np.array([0.0, 0.0, -GRAVITY])[:, None] + 0 * states[:3], atol=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    ("time_step", "norm", "momentum"), [(1e-3, 1.11, 0.035), (5e-4, 1.05, 0.017)]
+)
+def test_the_error_of_free_tumbling_is_as_the_page_says(time_step, norm, momentum):
+    """At 20 rad/s about no principal axis, after 2 s."""
+    vehicle, sdf = load_vehicle("Default")
+    drone = MakeDrone(vehicle, sdf, joint="quaternion", time_step=time_step)
+    simulator = Simulator(drone)
+    context = simulator.get_mutable_context()
+    drone.GetInputPort("thrusts").FixValue(context, np.zeros(len(vehicle.rotors)))
+    axis = np.array([0.6, 0.5, 0.62])
+    w = 20.0 * axis / np.linalg.norm(axis)
+    context.SetDiscreteState(np.array([1.0, 0, 0, 0, 0, 0, 500.0, *w, 0, 0, 0]))
+
+    def seen():
+        x = context.get_discrete_state_vector().CopyToVector()
+        R = rotation_matrix(x[:4])
+        inertia = np.diag(vehicle.inertia)
+        return np.linalg.norm(x[:4]), np.linalg.norm(R @ inertia @ R.T @ x[7:10])
+
+    _, before = seen()
+    simulator.AdvanceTo(2.0)
+    length, after = seen()
+    assert length == pytest.approx(norm, abs=0.01)
+    assert abs(after / before - 1.0) == pytest.approx(momentum, abs=0.003)

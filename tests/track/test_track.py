@@ -70,7 +70,7 @@ BAD = {
         lambda d: [
             gate["left_pylon"].__setitem__(0, gate["left_pylon"][0] + 1e6) for gate in d["gates"]
         ],
-        "it reaches 10000.. m from the origin, and 10000 m is the most",
+        "it reaches 10000.. m from the origin, and 1500 m is the most",
     ),
     "a start far away": (lambda d: d["start"].update(position=[0.0, -2e4, 0.0]), "reaches 20000 m"),
     "start in a pylon": (

@@ -19,7 +19,7 @@ from pathlib import Path
 from random import Random
 
 from benchmarks import harness
-from benchmarks.untrusted_files import KINDS, WrongResult, try_input
+from tests.worlds.untrusted_files import KINDS, WrongResult, try_input
 
 _LONGEST, _MEMORY = 10.0, 1e9  # s of processor time, bytes
 _LONGEST_WALL = 60.0  # s, on a busy computer

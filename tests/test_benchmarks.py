@@ -15,6 +15,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.vehicle import GRAVITY, load_vehicle
+from tests.worlds.untrusted_files import Kind, WrongResult
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [
@@ -386,3 +387,37 @@ def test_steps_of_environments_are_measured(run):
         one, plant, more = rows_of(table, str(row["envs"]))[0][:3]
         assert one == f"{row['one']:,.0f}" and more == f"{row['all']:,.0f}"
         assert plant == f"{20 * row['one']:,.0f}"
+
+
+def test_each_harm_of_a_broken_file_is_counted(monkeypatch):
+    robustness = importlib.import_module("benchmarks.robustness")
+
+    def read(path):
+        match path.read_bytes():
+            case b"crash":
+                raise KeyError("x")
+            case b"hang":
+                while True:
+                    pass
+            case b"wrong":
+                raise WrongResult("another flight")
+            case b"sentence":
+                raise UserError("It is broken.")
+
+    inputs = [b"crash", b"hang", b"wrong", b"sentence", b"fine", b"crash"]
+
+    def make(folder):
+        (folder / "file").write_bytes(b"fine")
+        return folder / "file"
+
+    def mutate(rng, data):
+        return inputs.pop(0)
+
+    monkeypatch.setattr(robustness, "KINDS", [Kind("file", make, mutate, read)])
+    monkeypatch.setattr(robustness, "_LONGEST", 0.05)
+    row = robustness.try_kind("file", 6)
+    assert (row["crashes"], row["hangs"], row["wrong"]) == (2, 1, 1)
+    (table, found), kept = robustness.show([row])
+    assert not kept and found.startswith("file: input 0: KeyError: 'x' (test_benchmarks.py:")
+    row = row | {"first": None}
+    assert robustness.show([row])[1]

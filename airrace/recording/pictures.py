@@ -18,10 +18,14 @@ def decoded(jpeg: bytes) -> np.ndarray | None:
 
 
 def size_of_jpeg(data: bytes) -> tuple[int, int] | None:
-    """Returns width and height that a JPEG says it has (px), None if it is none."""
+    """Returns width and height that a JPEG says it has (px), None if it is none.
+
+    Nor of a progressive one: each of its scans, a hundred bytes, takes as long as a whole picture,
+    and OpenCV writes none unless it is asked to.
+    """
     at = 2
     while data[:2] == b"\xff\xd8" and at + 9 < len(data) and data[at] == 0xFF:
-        if data[at + 1] in (0xC0, 0xC1, 0xC2):  # start of frame
+        if data[at + 1] in (0xC0, 0xC1):  # start of frame
             return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
         at += 2 + int.from_bytes(data[at + 2 : at + 4])
     return None

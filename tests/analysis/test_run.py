@@ -204,12 +204,19 @@ def test_messages_of_another_shape(tmp_path, topic, message, words):
         load_run(folder)
 
 
-def test_a_log_whose_track_cannot_be_raced(tmp_path):
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("track.yaml", "The track in .*race.mcap cannot be raced: "),
+        ("vehicle.yaml", "The vehicle in .*race.mcap cannot fly: "),
+    ],
+)
+def test_a_log_whose_track_or_drone_cannot_be(tmp_path, name, words):
     folder = make_run(tmp_path / "run", laps=1, recorded=False)
     log = RaceLog(folder / "race.mcap")
-    log.attach("track.yaml", "{}")
+    log.attach(name, "{}")
     log.close()
-    with pytest.raises(UserError, match="The track in .*race.mcap cannot be raced: "):
+    with pytest.raises(UserError, match=words):
         load_run(folder)
 
 

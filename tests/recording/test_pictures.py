@@ -19,9 +19,22 @@ def test_a_picture():
     assert decoded(JPEG).shape == (36, 64) and np.ptp(decoded(JPEG)) == 0
 
 
+PROGRESSIVE = cv2.imencode(
+    ".jpg", np.full((36, 64), 128, np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+)[1].tobytes()
+
+
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\xff\xd8", b"no picture at all", JPEG[:40], sized(65000, 65000), sized(9000, 16)],
+    [
+        b"",
+        b"\xff\xd8",
+        b"no picture at all",
+        JPEG[:40],
+        sized(65000, 65000),
+        sized(9000, 16),
+        PROGRESSIVE,
+    ],
 )
 def test_what_is_none_or_too_large(data):
     assert decoded(data) is None

@@ -37,12 +37,12 @@ from airrace.vehicle import load_vehicle
 from airrace.visualization.ghosts import record_of
 from airrace.visualization.page_sink import PageSink
 from airrace.visualization.race_record import RaceRecord, script_json
-from benchmarks.mutations import mutated_bytes, mutated_json, mutated_yaml
 from tests.evaluation.rows import SETTINGS, row
 from tests.league import seasons
 from tests.league.entries import make_entry
 from tests.worlds.linear_policy import linear_network
 from tests.worlds.made_up_run import make_run
+from tests.worlds.mutations import mutated_bytes, mutated_json, mutated_yaml
 
 
 class WrongResult(Exception):

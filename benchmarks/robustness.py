@@ -1,11 +1,12 @@
-"""What broken and hostile files do to whoever reads them: nothing but a sentence.
+"""What broken and hostile files and messages do to who reads them: a sentence at most.
 
     python -m benchmarks.robustness [--inputs 200] [--only race.json league.json] [--json FILE]
 
-Each input is a sound file in which bits, bytes or values were changed, deleted or repeated. A crash
-is any exception but the one that becomes a sentence, or more than 1 GB of memory; a hang takes more
-than 10 s of processor time, or a minute; a wrong result is one that the file does not say, without
-a word. Of kinds whose reading takes about a second, a fifth of the inputs is tried.
+Each input is a sound file, or what comes over a socket, in which bits, bytes or values were
+changed, deleted or repeated. A crash is any exception but the one that becomes a sentence, or more
+than 1 GB of memory; a hang takes more than 10 s of processor time, or a minute; a wrong result is
+one that the input does not say, without a word, or a socket that takes nothing sound any more. Of
+kinds whose reading takes about a second, a fifth of the inputs is tried.
 """
 
 import contextlib
@@ -19,11 +20,15 @@ from pathlib import Path
 from random import Random
 
 from benchmarks import harness
-from tests.worlds.untrusted_files import KINDS, WrongResult, try_input
+from tests.worlds.untrusted_files import FILES
+from tests.worlds.untrusted_kind import WrongResult, try_input
+from tests.worlds.untrusted_messages import MESSAGES
+
+KINDS = (*FILES, *MESSAGES)
 
 _LONGEST, _MEMORY = 10.0, 1e9  # s of processor time, bytes
 _LONGEST_WALL = 60.0  # s, on a busy computer
-_TITLE = "Mutated files (bounds: no crash, no hang, no wrong result)"
+_TITLE = "Mutated files and messages (bounds: no crash, no hang, no wrong result)"
 
 
 class _Hang(BaseException):

@@ -15,7 +15,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.vehicle import GRAVITY, load_vehicle
-from tests.worlds.untrusted_files import Kind, WrongResult
+from tests.worlds.untrusted_kind import Kind, WrongResult
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 
@@ -24,6 +25,9 @@ _KINDS = {
 }
 # Vectors that are not finite where nothing is known, or nothing has happened.
 _NOT_FINITE = {"rotor_losses", "corrections", "estimate_drift", "imu_history", "imu_silence"}
+
+# Nothing but NaN says here that nothing is known yet.
+_UNKNOWN_AT_FIRST = {"state_estimate", "filtered_estimate"}
 
 
 class CheckedPorts(LeafSystem):
@@ -56,7 +60,8 @@ class CheckedPorts(LeafSystem):
 
         def calc(context, output):
             vector = port.Eval(context)
-            if name not in _NOT_FINITE:
+            is_known = name not in _UNKNOWN_AT_FIRST or not np.isnan(vector).all()
+            if name not in _NOT_FINITE and is_known:
                 finite_vector(who, vector, size, f"{size} finite numbers")
             output.set_value(vector)
 

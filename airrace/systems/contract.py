@@ -83,7 +83,7 @@ def check_value(who: str, value: Any, kind: type) -> None:
         UserError: naming the first field that is not.
     """
     if not isinstance(value, kind):
-        refuse(who, value, f"a {name_of(kind)}")
+        refuse(who, value, f"an instance of {name_of(kind)}")
     if dc.is_dataclass(kind):
         hints = typing.get_type_hints(type(value))
         for field in dc.fields(value):  # type: ignore[arg-type]

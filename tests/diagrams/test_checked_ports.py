@@ -54,13 +54,13 @@ def given(system, port, own=True):
         ("rotor_speed_command", [1.0, np.inf, 1.0, 1.0], 4, "4 finite numbers"),
         ("exploration_reference", [NAN] * 18, 18, "18 finite numbers"),
         ("rate_command", [NAN] * 4, 4, "4 finite numbers"),
-        ("filtered_estimate", [NAN] * 14, 14, "14 finite numbers"),
-        ("detections", "nothing", None, "a airrace.systems.types.Detections"),
-        ("gate_map", "a map", None, "a airrace.track.gate_map.GateMap"),
+        ("filtered_estimate", [NAN, *[0.0] * 13], 14, "14 finite numbers"),
+        ("detections", "nothing", None, "an instance of airrace.systems.types.Detections"),
+        ("gate_map", "a map", None, "an instance of airrace.track.gate_map.GateMap"),
         ("explorer_status", ExplorerStatus(since=NAN), None, "a finite number"),
         ("lap_plan", 3, None, "LapPlan"),
         ("policy_status", (), None, "PolicyStatus"),
-        ("estimate_fault", 3, None, "a builtins.str"),
+        ("estimate_fault", 3, None, "an instance of builtins.str"),
     ],
 )
 def test_the_class_the_port_what_came_and_what_is_wanted(port, value, size, words):
@@ -77,6 +77,8 @@ def test_what_is_right_goes_through():
     np.testing.assert_array_equal(given(Box("reference", np.arange(18.0), 18), "reference")[17], 17)
     status = ExplorerStatus(done=True)
     assert given(Box("explorer_status", status), "explorer_status") is status
+    unknown = given(Box("filtered_estimate", [NAN] * 14, 14), "filtered_estimate")
+    assert np.isnan(unknown).all()  # nothing is known yet
     assert np.isinf(given(Box("rotor_losses", [np.inf] * 4, 4), "rotor_losses")).all()
     assert given(Box("debug", "anything"), "debug") == "anything"
 

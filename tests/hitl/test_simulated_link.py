@@ -75,7 +75,7 @@ def test_a_cable_that_is_pulled(hexagon, tmp_path):
     assert (watchdog["holds"], watchdog["hovers"], watchdog["landings"]) == (3, 2, 1)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_an_autonomy_that_does_nothing_for_a_while(hexagon, tmp_path):
     """As of a computer that is busy: it is back at once, and nothing of the kind was a delay."""
     link = dict(delay=0.02, jitter=0.005, loss=0.01)

@@ -1,4 +1,6 @@
+import copy
 import dataclasses as dc
+import functools
 import math
 import re
 from pathlib import Path
@@ -62,6 +64,7 @@ def dotted(path):
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in path).lstrip(".")
 
 
+@functools.cache
 def document():
     """All fields of a good scenario: every list has an element, every number is there."""
     scenario = Scenario(
@@ -76,13 +79,13 @@ def document():
 
 def changed(path, value):
     """The text of that scenario with another value at a path."""
-    result = document()
+    result = copy.deepcopy(document())
     *parents, key = path
     place = result
     for parent in parents:
         place = place[parent]
     place[key] = value
-    return yaml.safe_dump(result)
+    return yaml.dump(result, Dumper=yaml.CSafeDumper)
 
 
 def test_the_defaults_are_good():

@@ -212,7 +212,7 @@ def test_first_run_sets_up_and_the_next_does_not(sandbox):
     sandbox.add_to_path("good")
     elsewhere = sandbox.folder / "elsewhere"
     elsewhere.mkdir()
-    expected = f"{elsewhere}: -m airrace race --track my track.yaml\n"
+    expected = f"{elsewhere}: -P -m airrace race --track my track.yaml\n"
 
     first = sandbox.race("--track", "my track.yaml", cwd=elsewhere)
     assert (first.returncode, first.out) == (0, expected)

@@ -1,13 +1,10 @@
 """The kinds of files that others give you, how to make a sound one, and what reads it."""
 
 import contextlib
-import io
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from random import Random
-from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -15,7 +12,6 @@ from airrace.analysis.log import read_log, reading
 from airrace.analysis.recorded_events import recorded_events
 from airrace.analysis.report import write_report
 from airrace.analysis.run import Run
-from airrace.common.errors import UserError
 from airrace.common.resources import models_path
 from airrace.evaluation.store import RaceStore
 from airrace.league.entry import load_entry
@@ -43,27 +39,7 @@ from tests.league.entries import make_entry
 from tests.worlds.linear_policy import linear_network
 from tests.worlds.made_up_run import make_run
 from tests.worlds.mutations import mutated_bytes, mutated_json, mutated_yaml
-
-
-class WrongResult(Exception):
-    """What was read is not what the file says, and nobody said so."""
-
-
-class Kind(NamedTuple):
-    """A kind of input from outside.
-
-    More kinds go into KINDS; what a kind needs for all of its inputs, its make() leaves in the
-    folder that it is given.
-    """
-
-    name: str
-    #: make: writes what is sound into a new folder, and returns the file that is to be mutated.
-    make: Callable[[Path], Path]
-    #: mutate: random numbers and the file's bytes to other bytes.
-    mutate: Callable[[Random, bytes], bytes]
-    #: read: reads the file; raises UserError if that says what is wrong with it, WrongResult.
-    read: Callable[[Path], Any]
-    slow: bool = False  #: whether it takes about a second
+from tests.worlds.untrusted_kind import Kind, WrongResult
 
 
 def _written(name: str, text: str) -> Callable[[Path], Path]:
@@ -210,7 +186,7 @@ def _load_policy(path):
     return load_policy(path, load_vehicle("Default")[0])
 
 
-KINDS = (
+FILES = (
     Kind("scenario", _written("s.yaml", scenario_yaml(Scenario())), mutated_yaml, _load_scenario),
     Kind("track", _shipped("tracks/hexagon.yaml"), mutated_yaml, lambda p: load_track(str(p))),
     Kind("vehicle", _make_vehicle, mutated_yaml, lambda p: load_vehicle(str(p.parent))),
@@ -225,13 +201,3 @@ KINDS = (
     Kind("season", _written("season.yaml", _SEASON), mutated_yaml, load_season),
     Kind("entry", _make_entry, mutated_yaml, lambda path: load_entry(path.parent)),
 )
-
-
-def try_input(kind: Kind, path: Path, data: bytes) -> None:
-    """Reads a mutated file; raises what its reader raises, but for UserError.
-
-    Args: path: of make(); it holds the input afterwards.
-    """
-    path.write_bytes(data)
-    with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(UserError):
-        kind.read(path)

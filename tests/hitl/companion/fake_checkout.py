@@ -31,6 +31,7 @@ if "worker" in words:
     (output / "worker").write_text(str(worker.pid))
 print("airrace: autonomy ready")
 if "module" in words:
+    sys.path.append(os.getcwd())  # as for systems that a scenario names
     import my_team
     print(my_team.WORD)
 if "farewell" in words:

@@ -15,6 +15,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.scene.textures import SUN_W
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer, check_vtk_available
+from tests.worlds.cases import first
 from tests.worlds.pictures import (
     CAMERA_INFO,
     CORNERS_M,
@@ -87,7 +88,7 @@ def views(count):
 
 # One sample a pixel aliases a little more than the planar renderer does.
 @pytest.mark.slow
-@pytest.mark.parametrize("supersampling, rms, count", [(1, 0.25, 30), (2, 0.15, 15)])
+@pytest.mark.parametrize("supersampling, rms, count", first([(1, 0.25, 30), (2, 0.15, 15)]))
 def test_renderers_agree_on_corners(vtk_available, supersampling, rms, count):
     vtk = make_vtk(supersampling)
     from_vtk, from_planar = [], []
@@ -138,8 +139,8 @@ def test_boards_can_be_read_from_any_side(vtk):
     """In the sun, in the shade, and however the camera is turned."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
     detector = cv2.aruco.ArucoDetector(dictionary)
-    for board in TRACK.boards():
-        for azimuth in (-0.9, -0.4, 0.4, 0.9):
+    for board in list(TRACK.boards())[::2]:
+        for azimuth in (-0.9, 0.4):
             p_MC = 8 * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
             beside = board.X_WM.translation() + np.array([0.0, -3.0 * np.sign(azimuth), 0.0])
             for target in (board.X_WM.translation(), beside):

@@ -118,7 +118,7 @@ def solve(flight, pictures, gates, camera):
     return np.array([solved.atPose3(x(k)).translation() for k in range(len(pictures))])
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_filter_is_nearly_as_good_as_a_batch_of_all_measurements():
     flight = record_flight(14.0)
     info, last = flight.camera_info, flight.states[-1]

@@ -236,7 +236,7 @@ def test_a_lap_that_is_quicker_by_rounding_alone_is_not_flown():
         assert (found and found.kind) == kind
 
 
-@pytest.mark.parametrize("trajectory", ["4", "optimal"])
+@pytest.mark.parametrize("trajectory", cases.first(["4", "optimal"]))
 @pytest.mark.parametrize("fault", ["narrow", "coincide", "behind a pylon", "no hover", "no gates"])
 def test_what_cannot_be_flown_gives_no_plan(trajectory, fault):
     given = {

@@ -232,7 +232,7 @@ def test_a_lap_from_one_of_another_track_is_as_short():
             reference(4).duration, rel=1e-4
         )
     # As many gates, but no use at all.
-    far = plan(*square(side=4000.0), 4)
+    far = plan(*square(side=1000.0), 4)
     assert plan(*square(), 4, previous=far).duration == pytest.approx(
         plan(*square(), 4).duration, rel=1e-3
     )

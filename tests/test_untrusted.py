@@ -1,4 +1,4 @@
-"""Files that others give you: whatever is wrong with them is a sentence at most.
+"""Files and messages of others: whatever is wrong with them is a sentence at most.
 
 `python -m benchmarks.robustness` tries more of them.
 """
@@ -9,7 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.worlds.untrusted_files import KINDS, try_input
+from tests.worlds.untrusted_files import FILES
+from tests.worlds.untrusted_kind import try_input
+from tests.worlds.untrusted_messages import MESSAGES
+
+KINDS = (*FILES, *MESSAGES)
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +39,12 @@ def sound(tmp_path_factory):
 )
 @settings(max_examples=8, deadline=10_000, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32 - 1))
-def test_a_broken_file_is_a_sentence_at_most(sound, kind, seed):
+def test_what_is_broken_is_a_sentence_at_most(sound, kind, seed):
     path, whole = sound(kind)
     try_input(kind, path, kind.mutate(Random(seed), whole))
 
 
-def test_a_sound_file_is_read(sound):
+def test_what_is_sound_is_taken(sound):
     for kind in KINDS:
         if not kind.slow:
             path, whole = sound(kind)

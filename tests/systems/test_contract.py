@@ -28,7 +28,11 @@ def test_what_is_as_it_should_be(value):
 
 
 BAD = [
-    (Detections, None, "gave None .*; it must give an instance of airrace.systems.types.Detections"),
+    (
+        Detections,
+        None,
+        "gave None .*; it must give an instance of airrace.systems.types.Detections",
+    ),
     (Detections, [Detection(**MARKER)], r"\(list\)"),
     (Detections, Detections(NAN), r"mine, Detections.time, gave nan \(float\); .*a finite number"),
     (Detections, Detections(1.0, [Detection(**MARKER)]), r"Detections.markers, .*a tuple"),

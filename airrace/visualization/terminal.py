@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
@@ -21,6 +22,8 @@ from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.rotor_loss import Remaining
 
 _REFRESH = 0.1  # s
+# Above this, the plant's steps of 1 ms lose about a hundredth of the angular momentum a second.
+_TUMBLING = 15.0  # rad/s
 _CAPTION = (
     "over bound: how much longer the planned lap is than the best lap of a point mass with the "
     "same limits; map error: RMS over the markers"
@@ -61,6 +64,7 @@ class RaceDisplay:
         self._vehicle = load_vehicle(scenario.drone)[0]
         self._opened, self._explorer = False, ExplorerStatus()
         self._lost, self._crossings = list[int](), 0
+        self._tumbled = False
         self._lap_start = 0.0  # s
         self._live: Progress | None = None
 
@@ -154,7 +158,18 @@ class RaceDisplay:
                     self._lap_start = crossing.time
                 self._crossings += 1
             case events.StateSample():
+                self._warn_of_tumbling(event)
                 self._refresh(event.time)
+
+    def _warn_of_tumbling(self, sample: events.StateSample) -> None:
+        rate = np.linalg.norm(sample.truth.angular_velocity)
+        if rate > _TUMBLING and not self._tumbled:
+            self._tumbled = True
+            self._print_at(
+                sample.time,
+                f"it turns at {rate:.0f} rad/s, for which the plant's steps are too long to be "
+                "exact: see plant_config in docs/drake.md",
+            )
 
     def _print_at(self, time: float, line: str) -> None:
         self._print(f"[{time:7.1f} s] {line}")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from airrace.recording.race_events import StateSample
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
@@ -14,6 +15,7 @@ from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.disturbances import RotorFailure
+from airrace.vehicle.state import STATE_SIZE, as_state
 from airrace.visualization.terminal import RaceDisplay, _PatientConsole, failures_line, lap_table
 from tests.worlds.looks import MadeUpRace
 
@@ -249,6 +251,18 @@ def test_a_rotor_that_is_noticed_is_told_once(drone, n, words):
     for time in (25.1, 25.2):
         race.look(time, rotor_losses=[np.inf, 25.02, *[np.inf] * (n - 2)])
     assert console.file.getvalue().splitlines()[2:] == [f"[   25.0 s] {words}"]
+
+
+def test_a_drone_that_tumbles_is_told_once():
+    console = plain()
+    race = Race(console)
+    race.look(0.1)
+    still = as_state(np.eye(STATE_SIZE)[1])
+    for time, rate in ((0.2, 14.0), (0.3, 16.0), (0.4, 20.0)):
+        turning = still._replace(angular_velocity=np.array([0.0, rate, 0.0]))
+        race.display.take(StateSample(time, truth=turning))
+    (line,) = console.file.getvalue().splitlines()[2:]
+    assert line.startswith("[    0.3 s] it turns at 16 rad/s, for which the plant's steps are")
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -8,6 +8,9 @@ from airrace.recording import race_events as events
 from airrace.recording.race_changes import FOR_RESULT, Changes
 from airrace.recording.race_events import DRONE
 from airrace.track.gate_map import GateMap
+from airrace.vehicle.state import STATE_SIZE, as_state
+
+_STILL = as_state(np.eye(STATE_SIZE)[1])  # level, at the origin
 
 
 class MadeUpRace:
@@ -20,7 +23,7 @@ class MadeUpRace:
         """Shows a moment; values: of ports, those named truth. without it."""
         hidden = {f"truth.{name}": value for name, value in values.items()}
         happened = self._changes.events(time, (values | hidden).get)
-        for event in (*happened, events.StateSample(time, None)):
+        for event in (*happened, events.StateSample(time, _STILL)):
             for sink in self._sinks:
                 sink(event)
 

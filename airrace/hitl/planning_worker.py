@@ -1,7 +1,7 @@
 """Plans laps in another process, so that nothing else of the autonomy waits for a solver.
 
 The process is told the scenario, and then of each problem what is new; what it answers is a lap
-plan. All but the first are messages of the link.
+plan, or the sentence of a UserError. All but the first are messages of the link.
 """
 
 import contextlib
@@ -10,6 +10,7 @@ import socket
 import sys
 from typing import TYPE_CHECKING
 
+from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
 from airrace.common.resources import load_yaml
 from airrace.hitl.link.message_socket import MessageSocket, start_module
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from airrace.systems.planning.laps import LapProblem, PlanRequest
 
 _NICE = 15  # control comes first
+_PLAN, _SENTENCE = b"p", b"s"  # with which an answer begins
 _KEPT = 4  # plans that the next search may start from
 
 
@@ -57,9 +59,15 @@ class PlanningJob(Immutable):
         return (type(None), ())  # in a checkpoint, where no worker goes on with it
 
     def done(self) -> bool:
-        """Whether there is a result."""
+        """Whether there is a result.
+
+        Raises:
+            UserError: that the planner has raised, such as on a lap plan of one's own that is none.
+        """
         if not self._is_done and (answer := self._link.receive()) is not None:
-            plan = LAP_PLAN.decode(LAP_PLAN.message_type.decode(answer))
+            if answer[:1] == _SENTENCE:
+                raise UserError(answer[1:].decode())
+            plan = LAP_PLAN.decode(LAP_PLAN.message_type.decode(answer[1:]))
             self._plan, self._is_done = None if plan is NO_PLAN else plan, True
         return self._is_done or self._link.is_broken  # without a worker there is no plan
 
@@ -107,7 +115,11 @@ def main(fileno: int) -> None:
         solver = _Solver(make_systems(scenario, ["lap_planner"])["lap_planner"])
         while request := link.wait_for_message():
             asked = PLAN_REQUEST.decode(PLAN_REQUEST.message_type.decode(request))
-            link.send(LAP_PLAN.encode(solver.solve(asked) or NO_PLAN).encode())
+            try:
+                plan = LAP_PLAN.encode(solver.solve(asked) or NO_PLAN).encode()
+                link.send(_PLAN + plan)
+            except UserError as e:
+                link.send(_SENTENCE + str(e).encode())
 
 
 if __name__ == "__main__":

@@ -9,9 +9,11 @@ import time
 import numpy as np
 import pytest
 
+from airrace.common.errors import UserError
 from airrace.hitl.planning_worker import PlanningWorker
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.track.gate_map import GateMap
 from tests.systems.planning.test_lap_planner import Bench, moved
@@ -64,6 +66,26 @@ def test_a_worker_that_dies_finds_no_plan():
         os.kill(worker._process.pid, signal.SIGKILL)
         assert solved(job) is None
         assert solved(worker.submit(asked)) is None
+
+
+def find_nothing_sound(problem):
+    return "a plan"
+
+
+def make_careless(scenario):
+    """A planner of one's own whose plans are none."""
+    return LapPlanner.from_scenario(scenario, solve=find_nothing_sound)
+
+
+def test_what_a_planner_of_ones_own_does_wrong_there_is_said_here():
+    asked, scenario = problem_and_scenario()
+    scenario.systems = {"lap_planner": f"{__name__}:make_careless"}
+    with contextlib.closing(PlanningWorker(scenario)) as worker:
+        job = worker.submit(asked)
+        with pytest.raises(
+            UserError, match=r"find_nothing_sound\(\) gave 'a plan' .*; it must give"
+        ):
+            solved(job)
 
 
 class Job:

@@ -63,7 +63,7 @@ def parse_json[T](data: str | bytes, schema: type[T]) -> T:
     except UnicodeDecodeError:
         raise ValueError("it is not a text in UTF-8") from None
     except json.JSONDecodeError as e:
-        raise ValueError(f"{e.msg} at line {e.lineno}") from None
+        raise ValueError(f"it is not JSON ({e.msg}, line {e.lineno})") from None
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     _check_plain(value, 0)

@@ -1,5 +1,6 @@
 """Finds the files under ``models/`` and loads YAML into dataclasses."""
 
+import dataclasses as dc
 import functools
 import os
 import typing
@@ -155,4 +156,5 @@ def _field_types(schema: type) -> dict:
     """Returns the types of the fields of a dataclass or of a struct of Drake's."""
     if hasattr(schema, "__fields__"):
         return {field.name: field.type for field in schema.__fields__}
-    return typing.get_type_hints(schema)
+    hints = typing.get_type_hints(schema)
+    return {field.name: hints[field.name] for field in dc.fields(schema)}

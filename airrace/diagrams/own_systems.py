@@ -26,13 +26,18 @@ def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenari
         return make(scenario)
     path = scenario.systems[name]
     module, _, attribute = path.partition(":")
+    if not (module and attribute):
+        raise UserError(
+            f"systems.{name}: '{path}' names no callable: write module:callable, such as "
+            "my_team:make_controller."
+        )
     add_own_systems_folder()
     try:
         make = getattr(importlib.import_module(module), attribute)
     except Exception as e:  # whatever the module does when it is imported
         raise UserError(
             f"systems.{name}: '{path}' cannot be imported as module:callable "
-            f"({_described(e)}); check its spelling and PYTHONPATH."
+            f"({_described(e)}); check its spelling, the module itself, and PYTHONPATH."
         ) from e
     try:
         system = make(scenario)

@@ -103,7 +103,10 @@ def compile_apart(scenario: Scenario) -> None:
     """
     if jit.is_complete(scenario.estimator):
         return
-    with Console(stderr=True).status("Compiling, once; it takes about a minute"), jit.locked():
+    console, what = Console(stderr=True), "Compiling, once; it takes a minute or two"
+    if not console.is_terminal:
+        console.print(f"{what}...")
+    with console.status(what), jit.locked():
         if not jit.is_complete(scenario.estimator):  # by another race, which had the lock before
             _compile_apart(scenario)
 

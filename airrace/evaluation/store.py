@@ -1,6 +1,7 @@
 """The folder of an evaluation: settings, and one line of JSON a race that ended."""
 
 import fcntl
+import itertools
 import json
 import os
 from pathlib import Path
@@ -12,6 +13,7 @@ from airrace.common.json_files import parse_json, read_json
 
 # What an evaluation leaves in its folder.
 RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = EVALUATION
+_NOTHING = "nothing"  # in the place of what is not there
 
 
 class _ExplorationJson(TypedDict):
@@ -214,10 +216,12 @@ def _sync(folder):
 
 def first_difference(a: Any, b: Any, name: str = "") -> tuple | None:
     """Returns the dotted name and the two values where plain data first differs, or None."""
-    if not (isinstance(a, dict) and isinstance(b, dict)):
+    if isinstance(a, dict) and isinstance(b, dict):
+        parts = ((a.get(k, _NOTHING), b.get(k, _NOTHING), f".{k}") for k in {**a, **b})
+    elif isinstance(a, list) and isinstance(b, list):
+        pairs = enumerate(itertools.zip_longest(a, b, fillvalue=_NOTHING))
+        parts = ((each, other, f"[{i}]") for i, (each, other) in pairs)
+    else:
         return None if a == b else (name, a, b)
-    found = (
-        first_difference(a.get(key, "nothing"), b.get(key, "nothing"), f"{name}.{key}".lstrip("."))
-        for key in {**a, **b}
-    )
+    found = (first_difference(x, y, f"{name}{part}".lstrip(".")) for x, y, part in parts)
     return next(filter(None, found), None)

@@ -47,13 +47,15 @@ examples:
   airrace league verify runs/spring/league.json --seed_file spring.seed --all
   airrace league verify runs/spring/league.json --entry herons --race 3
 
-Everything in league.json is compared with what follows from the folder's entries, its
-season.yaml, the secret seed and the races; then of each entry the quickest race and one
-drawn at random are flown again, and must be equal to the last bit.
-What cannot follow, and is compared with hashes in league.json only: pages, replays,
-logs, maps, who was refused and why, whether there was a sandbox, and of races that are
-not flown again how the entry behaved. So is the season itself: publish the hash of
-season.yaml before it is flown, and that of league.json after, which this command prints.
+Everything in league.json is compared with what follows from the folder's
+entries, its season.yaml, the secret seed and the races; then of each entry
+the quickest race and one drawn at random are flown again, and must be equal
+to the last bit.
+What cannot follow, and is compared with hashes in league.json only: pages,
+replays, logs, maps, who was refused and why, whether there was a sandbox,
+and of races that are not flown again how the entry behaved. So is the season
+itself: publish the hash of season.yaml before it is flown, and that of
+league.json after, which this command prints.
 Exit codes: 0 nothing is wrong; 1 something is; 2 bad input."""
 
 Unsafe = Annotated[bool, Parameter(negative=())]

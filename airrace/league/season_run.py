@@ -7,7 +7,7 @@ from typing import NamedTuple
 from airrace.common.errors import UserError
 from airrace.common.words import printable
 from airrace.evaluation.versions import versions
-from airrace.league.entry import Entry, load_entry
+from airrace.league.entry import Entry, find_entry, load_entry
 from airrace.league.sandbox import SandboxConfig
 from airrace.league.scenarios import make_flown
 from airrace.league.season import Leg, Season, load_season, make_legs, read_secret
@@ -54,6 +54,7 @@ def _accepted(
     entries: dict[str, Entry] = {}
     refused = {}
     for name in names:
+        find_entry(name)  # a name that is mistyped ends the season before it is flown
         try:
             entry = load_entry(name)
             check(entry)

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import itertools
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -129,6 +130,7 @@ class Track(Course):
         return np.array([p for gate in self.gates for p in (gate.p_WL, gate.p_WR)])
 
     def _check_layout(self) -> None:
+        require(not math.isnan(self.hover_height), "hover_height is missing")
         require(
             0.5 <= self.hover_height < PYLON_HEIGHT,
             f"hover_height must lie between 0.5 and {PYLON_HEIGHT} m",
@@ -137,10 +139,12 @@ class Track(Course):
         pylons = self.pylons()[:, :2]
         between_gates = segment_distances(pylons[::2], pylons[1::2])
         between_legs = segment_distances(middle, np.roll(middle, -1, axis=0))
-        for i, j in itertools.combinations(range(n), 2):
+        pairs = list(itertools.combinations(range(n), 2))
+        for i, j in pairs:
             require(
                 between_gates[i, j] > 2 * PYLON_BASE_RADIUS, f"gates {i + 1} and {j + 1} overlap"
             )
+        for i, j in pairs:
             require(
                 not 1 < j - i < n - 1 or between_legs[i, j] > 0,
                 f"the track crosses itself after gates {i + 1} and {j + 1}",

@@ -136,12 +136,18 @@ class _Cache(FunctionCache):
     _impl_class = _Results
 
     def load_overload(self, sig, target_context):
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(Exception):  # also if a file of it is damaged
             return super().load_overload(sig, target_context)
 
     def save_overload(self, sig, data):
-        with contextlib.suppress(OSError):
+        try:
             super().save_overload(sig, data)
+        except OSError:
+            pass
+        except Exception:  # its index is damaged, which is read before
+            with contextlib.suppress(OSError):
+                self.flush()
+                super().save_overload(sig, data)
 
 
 @contextlib.contextmanager

@@ -59,7 +59,7 @@ def parse_json[T](data: str | bytes, schema: type[T]) -> T:
     """
     try:
         text = data if isinstance(data, str) else data.decode("utf-8")
-        value = json.loads(text, parse_constant=_refuse_constant)
+        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
     except UnicodeDecodeError:
         raise ValueError("it is not a text in UTF-8") from None
     except json.JSONDecodeError as e:
@@ -73,6 +73,16 @@ def parse_json[T](data: str | bytes, schema: type[T]) -> T:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"JSON has no {name}")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Returns an object of JSON: whose keys come twice, readers take for different ones."""
+    result = dict(pairs)
+    if len(result) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{json.dumps(twice)[:60]} is there twice in one object")
+    return result
 
 
 def _check_plain(value: Any, depth: int) -> None:

@@ -8,6 +8,7 @@ import dataclasses as dc
 import math
 import numbers
 import os
+import reprlib
 import typing
 from typing import Any
 
@@ -27,7 +28,7 @@ def whole_number(name: str, value: Any, low: int, high: float = math.inf) -> int
     result = _converted(int, value)
     if result is None or not low <= result <= high:
         range_ = f"from {low} to {high}" if high < math.inf else f"from {low} on"
-        raise UserError(f"{name} must be a whole number {range_}, not {value!r}.")
+        raise UserError(f"{name} must be a whole number {range_}, not {reprlib.repr(value)}.")
     return result
 
 
@@ -48,7 +49,7 @@ def plain(name: str, schema: Any, value: Any) -> Any:
     if schema in WORDS:
         result = _converted(schema, value)
         if result is None:
-            raise UserError(f"{name} must be {WORDS[schema]}, not {value!r}.")
+            raise UserError(f"{name} must be {WORDS[schema]}, not {reprlib.repr(value)}.")
         return result
     origin = typing.get_origin(schema)
     if origin is list and isinstance(value, (list, tuple, np.ndarray)):
@@ -60,7 +61,7 @@ def plain(name: str, schema: Any, value: Any) -> Any:
         return value
     if origin is list or origin is dict or not isinstance(value, origin or schema):
         kind = getattr(origin or schema, "__name__", str(schema))
-        raise UserError(f"{name} must be a {kind}, not {value!r}.")
+        raise UserError(f"{name} must be a {kind}, not {reprlib.repr(value)}.")
     return value
 
 
@@ -92,7 +93,7 @@ def plain_tree(name: str, value: Any) -> Any:
     for schema in (str, bool, int, float):
         if (result := _converted(schema, value)) is not None:
             return result
-    raise UserError(f"{name} must be a number, text, a list or a dict, not {value!r}.")
+    raise UserError(f"{name} must be a number, text, a list or a dict, not {reprlib.repr(value)}.")
 
 
 def _converted(schema, value):
@@ -106,6 +107,9 @@ def _converted(schema, value):
         return value if type(value) is schema else None
     if not isinstance(value, numbers.Real):
         return None
-    if schema is int:
-        return int(value) if math.isfinite(value) and value == int(value) else None
-    return value if type(value) is float else float(value)
+    try:
+        if schema is int:
+            return int(value) if math.isfinite(value) and value == int(value) else None
+        return value if type(value) is float else float(value)
+    except OverflowError:  # a whole number beyond all floats
+        return None

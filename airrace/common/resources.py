@@ -3,6 +3,7 @@
 import dataclasses as dc
 import functools
 import os
+import reprlib
 import typing
 from pathlib import Path
 from typing import Any
@@ -112,16 +113,16 @@ def _misfit(schema, document, child_name):
 def _value_misfit(name, schema, value):
     if schema in WORDS:
         fits = _fits(schema, value)
-        return None if fits else f"{name} must be {WORDS[schema]}, not {value!r}"
+        return None if fits else f"{name} must be {WORDS[schema]}, not {reprlib.repr(value)}"
     args = typing.get_args(schema)
     if type(None) in args:  # Optional
         return None if value is None else _value_misfit(name, args[0], value)
     if len(args) == 1:  # a list
         if not isinstance(value, list):
-            return f"{name} must be a list, not {value!r}"
+            return f"{name} must be a list, not {reprlib.repr(value)}"
         items = ((f"{name}[{i}]", args[0], item) for i, item in enumerate(value))
     elif not isinstance(value, dict):
-        return f"{name or 'it'} must be a mapping from names to values, not {value!r}"
+        return f"{name or 'it'} must be a mapping from names to values, not {reprlib.repr(value)}"
     elif args:  # a dictionary
         items = ((f"{name}.{key}", args[1], item) for key, item in value.items())
     else:

@@ -23,6 +23,8 @@ _CLEAR = {
     "timestamp": re.compile("(?!)"),
     "str": re.compile("(?![-+]?[0-9][0-9]*_[0-9_]*([.eE][-+.eE0-9_]*)?$).*", re.DOTALL),
 }  # of words without quotes, what has one meaning; by what YAML 1.1 takes them for
+_LONGEST_NUMBER = 200  # characters: seeds of leagues are long
+_MOST_NODES = 1_000_000
 _REMEDIES = {
     "int": "a whole number without zeros in front, colons and underscores",
     "float": "a number without colons and underscores",
@@ -43,6 +45,11 @@ def read_yaml(source: str, *, filename: str | Path | None = None, data: str | No
         root = yaml.compose(text, yaml.SafeLoader)
         if root is not None:
             _check(root, source, set())
+            if _size(root, {}) > _MOST_NODES:
+                raise UserError(
+                    f"{source} stands for far more by its aliases (*name) than is there; leave "
+                    "them out."
+                )
     except UnicodeDecodeError:
         raise UserError(f"{source} is not a text file; give a YAML file.") from None
     except OSError as e:
@@ -62,6 +69,19 @@ def read_yaml(source: str, *, filename: str | Path | None = None, data: str | No
 def plain_data(text: str) -> Any:
     """Returns what a text of read_yaml() says, as dicts, lists and plain values."""
     return yaml.load(text, yaml.SafeLoader)
+
+
+def _size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Returns how many values a node stands for, its aliases written out.
+
+    Args: known: sizes by the nodes' id, to which those of this one are added.
+    """
+    if id(node) not in known:
+        known[id(node)] = 1  # also of one that is within itself
+        parts = node.value if not isinstance(node, yaml.ScalarNode) else ()
+        flat = [each for part in parts for each in (part if isinstance(part, tuple) else (part,))]
+        known[id(node)] = 1 + sum(_size(each, known) for each in flat)
+    return known[id(node)]
 
 
 def _check(node: yaml.Node, source: str, seen: set[int]) -> None:
@@ -90,7 +110,13 @@ def _check(node: yaml.Node, source: str, seen: set[int]) -> None:
 
 def _check_scalar(node: yaml.ScalarNode, source: str) -> None:
     kind = node.tag.removeprefix(_TAG)
-    if node.style or kind not in _CLEAR or _CLEAR[kind].fullmatch(node.value):
+    if kind in ("int", "float") and len(node.value) > _LONGEST_NUMBER:
+        raise UserError(
+            f"{source} has a number of {len(node.value)} characters at line "
+            f"{node.start_mark.line + 1}; write one of at most {_LONGEST_NUMBER}."
+        )
+    is_text = node.style and kind == "str"
+    if is_text or kind not in _CLEAR or _CLEAR[kind].fullmatch(node.value):
         return
     remedy = _REMEDIES.get("int" if kind == "str" else kind)
     raise UserError(

@@ -46,7 +46,7 @@ def check_action(action: object, shape: tuple[int, ...]) -> np.ndarray:
     """
     try:
         result = np.asarray(action, float, order="C")
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise ValueError(
             f"The action must be an array of numbers from -1 to 1, not {action!r}."
         ) from None

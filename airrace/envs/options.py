@@ -3,7 +3,8 @@
 import dataclasses as dc
 import difflib
 import math
-from collections.abc import Callable
+import reprlib
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -187,3 +188,17 @@ def depends_on_seed(scenario: Scenario) -> bool:
     return bool(
         any((*errors, *wind)) or scenario.state_noise != "none" or scenario.localizes or pictures
     )
+
+
+def checked_options(options: Any) -> Mapping[str, Any]:
+    """Returns the options of reset(), which may be None.
+
+    Raises:
+        UserError: if they are no mapping by names.
+    """
+    options = {} if options is None else options
+    if not isinstance(options, Mapping) or not all(isinstance(name, str) for name in options):
+        raise UserError(
+            f"The options of reset() must be a dict by names, not {reprlib.repr(options)}."
+        )
+    return options

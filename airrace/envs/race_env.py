@@ -21,6 +21,7 @@ from airrace.envs.options import (
     GENERATED,
     EnvOptions,
     StepInfo,
+    checked_options,
     depends_on_seed,
     make_options,
     make_scenario,
@@ -118,7 +119,7 @@ class RaceEnv(gymnasium.Env):
             options: none are known.
         """
         super().reset(seed=seed)
-        if options:
+        if options := checked_options(options):
             raise UserError(f"reset() knows no options, such as {', '.join(options)}.")
         self._seed, self._track = self._draw_track()
         self._start_world()

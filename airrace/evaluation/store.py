@@ -13,7 +13,16 @@ from airrace.common.json_files import parse_json, read_json
 
 # What an evaluation leaves in its folder.
 RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = EVALUATION
-_NOTHING = "nothing"  # in the place of what is not there
+
+
+class _Nothing:
+    """Stands in the place of what is not there."""
+
+    def __repr__(self) -> str:
+        return "nothing"
+
+
+_NOTHING = _Nothing()
 
 
 class _ExplorationJson(TypedDict):
@@ -222,6 +231,7 @@ def first_difference(a: Any, b: Any, name: str = "") -> tuple | None:
         pairs = enumerate(itertools.zip_longest(a, b, fillvalue=_NOTHING))
         parts = ((each, other, f"[{i}]") for i, (each, other) in pairs)
     else:
-        return None if a == b else (name, a, b)
+        is_same = type(a) is type(b) and a == b  # True is 1 in Python, and not in JSON
+        return None if is_same else (name, a, b)
     found = (first_difference(x, y, f"{name}{part}".lstrip(".")) for x, y, part in parts)
     return next(filter(None, found), None)

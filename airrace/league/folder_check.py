@@ -12,8 +12,15 @@ from typing import Any, NamedTuple
 
 from airrace.common.errors import UserError
 from airrace.evaluation.store import first_difference
+from airrace.evaluation.versions import versions
 from airrace.league.entry import Entry, load_entry
-from airrace.league.league_json import league_digest, read_result, read_rows, with_digests
+from airrace.league.league_json import (
+    FlightJson,
+    league_digest,
+    read_result,
+    read_rows,
+    with_digests,
+)
 from airrace.league.season import Leg, Season, season_digest, secret_digest
 from airrace.league.season_files import (
     ENTRIES,
@@ -25,6 +32,8 @@ from airrace.league.season_files import (
     settings,
 )
 from airrace.league.worker import result_digest
+
+_SEALS = "files", "sha256"  # see check_digests()
 
 
 class Doubt(NamedTuple):
@@ -126,19 +135,24 @@ def check_whole(
         if line["entry"] not in entries or not 1 <= line["leg"] <= len(legs):
             yield Doubt(describe(line), "the season has no such race")
             return
+        if beyond := line.keys() - FlightJson.__annotations__.keys():
+            yield Doubt(describe(line), f"no race has {', '.join(sorted(beyond))}")
     told = league["settings"]
+    if unsaid := versions({}).keys() - told["versions"].keys():
+        yield Doubt("settings", f"versions does not say that of {', '.join(sorted(unsaid))}")
     own = [entries[line["entry"]] for line in told["entries"] if line["entry"] in entries]
     flown = {"versions": told["versions"], "safe": told["safe"]}
     follows = settings(season, secret, own, told["refused"], flown)
     # As JSON has it: tuples are lists.
     expected = json.loads(json.dumps(make_league(follows, legs, league["flights"])))
-    for name, value in expected.items():
-        if difference := first_difference(league[name], value, name):
+    for name in {**expected, **league}:
+        told, follows = (each.get(name, "nothing") for each in (league, expected))
+        if name not in _SEALS and (difference := first_difference(told, follows, name)):
             place, old, new = difference
             yield Doubt(name, f"{place} is {short(old)}, where {short(new)} follows")
 
 
 def short(value: Any) -> str:
     """Returns plain data in a few characters of ASCII."""
-    text = json.dumps(value)
+    text = json.dumps(value, default=repr)
     return text if len(text) <= 60 else f"{text[:57]}..."

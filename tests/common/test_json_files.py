@@ -80,3 +80,8 @@ def test_a_file_is_named_with_its_remedy(tmp_path, monkeypatch):
         file.truncate(65_000_000)
     with pytest.raises(UserError, match="larger than 64 MB"):
         read_json(path, Race, "race.json", "name another")
+
+
+def test_a_key_that_is_there_twice_is_refused():
+    with pytest.raises(ValueError, match='"a" is there twice in one object'):
+        parse_json('{"a": 1, "a": 2}', dict)

@@ -88,3 +88,10 @@ def test_trees_of_values():
     }
     with pytest.raises(UserError, match=r"it\['a'\]\[1\] must be a number, text, a list or a dict"):
         plain_tree("it", {"a": [1, {2}]})
+
+
+def test_numbers_beyond_all_floats():
+    with pytest.raises(UserError, match="a must be a whole number from 0 on"):
+        whole_number("a", 10**400, 0)
+    with pytest.raises(UserError, match="a must be a number"):
+        plain("a", float, 10**400)

@@ -74,7 +74,9 @@ def test_aliases_of_aliases_take_no_time():
     lines = ["a0: &a0 [1]"] + [
         f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 40)
     ]
-    assert read_yaml("mine", data="\n".join(lines))
+    with pytest.raises(UserError, match="stands for far more by its aliases"):
+        read_yaml("mine", data="\n".join(lines))
+    read_yaml("mine", data="\n".join(lines[:4]))
 
 
 @given(
@@ -110,3 +112,9 @@ def test_it_is_so_wherever_yaml_is_read(tmp_path):
     path.write_text(text + "\nname: again\n")
     with pytest.raises(UserError, match="mine.yaml is not clear at line .*another 'name'"):
         load_track(path)
+
+
+@pytest.mark.parametrize("text", ["a: 9" + "9" * 5000, 'a: !!int ""', 'a: !!int "010"'])
+def test_numbers_that_are_none_are_a_sentence(text):
+    with pytest.raises(UserError, match="at line 1"):
+        read_yaml("a.yaml", data=text)

@@ -187,6 +187,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
 def test_first_difference():
     assert first_difference({"a": [1], "b": {"c": 2}}, {"b": {"c": 2}, "a": [1]}) is None
     assert first_difference({"b": {"c": 2}}, {"b": {"c": 3}}) == ("b.c", 2, 3)
-    assert first_difference({"b": 1}, {}) == ("b", 1, "nothing")
+    assert str(first_difference({"b": 1}, {})) == "('b', 1, nothing)"
+    assert first_difference({"b": 1}, {"b": True}) == ("b", 1, True)
     assert first_difference({"b": [{"c": 2}]}, {"b": [{"c": 3}]}) == ("b[0].c", 2, 3)
-    assert first_difference([1], [1, 2]) == ("[1]", "nothing", 2)
+    assert str(first_difference([1], [1, 2])) == "('[1]', nothing, 2)"

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from airrace.common.errors import UserError
+from airrace.envs.options import checked_options
 
 _KNOWN = ("tracks", "reset_mask")
 
@@ -32,7 +33,7 @@ def reset_request(options: Mapping[str, Any] | None, count: int, tracks: int) ->
         TypeError: if the mask is no array of bool, as of Gymnasium's own environments.
         ValueError: if an option has another shape, or a track is none of those that there are.
     """
-    options = options or {}
+    options = checked_options(options)
     for name in options:
         if name not in _KNOWN:
             near = difflib.get_close_matches(name, _KNOWN, 1)

@@ -97,6 +97,8 @@ class RaceVectorEnv(VectorEnv):
             raise UserError(f"clearance must be a number of metres from 0 on, not {clearance}.")
         shape = load_shape(self._vehicle, sdf, clearance)
         generated = wanted.track == GENERATED
+        if not generated and tracks is not MANY:
+            raise UserError(f"tracks are seeds, for track='{GENERATED}'; leave them out.")
         courses = make_courses(
             _generate(tracks) if generated else [load_track(scenario.track, markers=True)],
             laps=wanted.laps,
@@ -305,7 +307,9 @@ class RaceVectorEnv(VectorEnv):
 def _generate(seeds: Iterable[int]) -> list[Track]:
     """Returns the generated tracks of some seeds, but for those that have none."""
     tracks = []
-    for seed in seeds:
+    if isinstance(seeds, str) or not isinstance(seeds, Iterable):
+        raise UserError(f"tracks must be seeds such as range(64), not {seeds!r}.")
+    for seed in (whole_number("a seed of tracks", each, 0) for each in seeds):
         with contextlib.suppress(UserError):
             tracks.append(generate_track(seed))
     if not tracks:

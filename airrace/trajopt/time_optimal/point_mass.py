@@ -64,9 +64,7 @@ def point_mass_bound(
         raise TrajectoryOptimizationError("The greatest thrust is below the weight.")
     chords = np.roll(gates.midpoints, -1, axis=0) - gates.midpoints
     lengths = np.linalg.norm(chords, axis=1)
-    a = limits.max_acceleration
-    if np.isinf(a):
-        a = limits.max_specific_force - GRAVITY
+    a = min(limits.max_acceleration, limits.max_specific_force - GRAVITY)
     speed = min(limits.max_speed, np.sqrt(a * lengths.mean()))
     T = lengths / speed
     directions = chords / lengths[:, None]

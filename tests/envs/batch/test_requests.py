@@ -51,3 +51,9 @@ def test_what_is_asked_for():
 def test_an_option_that_there_is_not():
     with pytest.raises(UserError, match="no option 'track', but tracks; there are: tracks"):
         requests.reset_request({"track": [0]}, 1, 1)
+
+
+@pytest.mark.parametrize("options", [{1: 2}, 5, ["tracks"]])
+def test_options_that_are_no_names(options):
+    with pytest.raises(UserError, match=r"The options of reset\(\) must be a dict by names"):
+        requests.reset_request(options, 2, 1)

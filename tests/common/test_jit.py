@@ -102,6 +102,12 @@ print(g(1), sum(g.stats.cache_hits.values()))
 
     assert run() == ("2", "0")
     assert run() == ("2", "1")
+    # What is damaged, as after a loss of power, is made anew.
+    for kind in ("nbi", "nbc"):
+        for file in package.rglob(f"*.{kind}"):
+            file.write_bytes(b"")
+        assert run() == ("2", "0")
+        assert run() == ("2", "1")
     # Neither the place nor the times of the files count.
     shutil.copytree(package, tmp_path / "elsewhere/package", copy_function=shutil.copy)
     assert run(tmp_path / "elsewhere") == ("2", "1")

@@ -29,7 +29,6 @@ from typing import NamedTuple
 from sphinx.util.docutils import SphinxDirective
 
 from airrace.league.page import PAGE, write_page
-from airrace.league.proof import read_league
 from airrace.scenario import Scenario, imu_config
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
@@ -367,7 +366,9 @@ def write_season_page(app, error) -> None:
 
 
 def _read_season() -> dict:
-    return read_league(Path(__file__).parent / _SEASON / "league.json")
+    # Not by read_league(): it was flown when league.json had no hashes of the files beside it.
+    text = (Path(__file__).parent / _SEASON / "league.json").read_text(encoding="utf-8")
+    return json.loads(text)
 
 
 _MAKERS = {

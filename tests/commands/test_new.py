@@ -4,6 +4,7 @@ import importlib
 import json
 import shlex
 import stat
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +26,11 @@ def folder(tmp_path, monkeypatch):
     """An empty working directory, whose modules can be imported."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    return tmp_path
+    before = set(sys.modules)
+    yield tmp_path
+    for name in set(sys.modules) - before:  # another test may make modules of these names
+        if str(getattr(sys.modules[name], "__file__", None)).startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
 def printed_command(capsys) -> list[str]:

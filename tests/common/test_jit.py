@@ -1,5 +1,6 @@
 """Functions as machine code, and where it is kept."""
 
+import collections
 import math
 import os
 import shutil
@@ -199,6 +200,8 @@ def test_what_is_compiled_is_counted_meanwhile():
 
 
 def test_what_is_compiled_unasked_is_announced_once(monkeypatch, capsys):
+    # Environments of other tests may have asked for it before.
+    monkeypatch.setattr(numba.core.event, "_registered", collections.defaultdict(list))
     listeners = []
     with monkeypatch.context() as patch:
         patch.setattr(numba.core.event, "register", lambda *both: listeners.append(both))

@@ -94,7 +94,8 @@ class LogReader:
                     self._note_damage(record.place)
 
     def _note_damage(self, place: int) -> None:
-        self.damage = self.damage or Damage(place, self._size)
+        if self.damage is None or place < self.damage.place:
+            self.damage = Damage(place, self._size)
 
     def _record_at(self, place: int) -> _Record | None:
         """Returns the record at a place; None if the file ends within it."""

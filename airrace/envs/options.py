@@ -4,7 +4,7 @@ import dataclasses as dc
 import difflib
 import math
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,13 +90,7 @@ def make_options(**options: Any) -> EnvOptions:
         UserError: with one sentence that names the option and the choices.
     """
     known = [field.name for field in dc.fields(EnvOptions)]
-    for name in options:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            raise UserError(
-                f"There is no option '{name}'{f', but {near[0]}' if near else ''}; "
-                f"there are: {', '.join(known)}."
-            )
+    check_names(options, known, "There is no option")
     given = EnvOptions(**options)
     result = dc.replace(
         given,
@@ -188,6 +182,23 @@ def depends_on_seed(scenario: Scenario) -> bool:
     return bool(
         any((*errors, *wind)) or scenario.state_noise != "none" or scenario.localizes or pictures
     )
+
+
+def check_names(names: Iterable[str], known: Sequence[str], begins: str) -> None:
+    """Checks the names of options.
+
+    Args: names: that were given. known: that there are. begins: how the sentence begins.
+
+    Raises:
+        UserError: on the first that is unknown, with the nearest one and all that there are.
+    """
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            raise UserError(
+                f"{begins} '{name}'{f', but {near[0]}' if near else ''}; "
+                f"there are: {', '.join(known)}."
+            )
 
 
 def checked_options(options: Any) -> Mapping[str, Any]:

@@ -1,6 +1,5 @@
 """What a caller asks of a batch of drones, checked before machine code sees it."""
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -8,7 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from airrace.common.errors import UserError
-from airrace.envs.options import checked_options
+from airrace.envs.options import check_names, checked_options
 
 _KNOWN = ("tracks", "reset_mask")
 
@@ -34,13 +33,7 @@ def reset_request(options: Mapping[str, Any] | None, count: int, tracks: int) ->
         ValueError: if an option has another shape, or a track is none of those that there are.
     """
     options = checked_options(options)
-    for name in options:
-        if name not in _KNOWN:
-            near = difflib.get_close_matches(name, _KNOWN, 1)
-            raise UserError(
-                f"reset() has no option '{name}'{f', but {near[0]}' if near else ''}; "
-                f"there are: {', '.join(_KNOWN)}."
-            )
+    check_names(options, _KNOWN, "reset() has no option")
     mask = options.get("reset_mask")
     drones = np.arange(count) if mask is None else np.flatnonzero(_mask(mask, count))
     wanted = options.get("tracks")

@@ -85,7 +85,7 @@ def _make_part(
         made = {
             name: _output(ports, port)
             for name, port in variant.outputs.items()
-            if port.system in systems
+            if port.system in systems and (port in ports or name not in variant.optional)
         }
         export_outputs(builder, made, made)
         sources = {name: port for name, port in made.items() if name not in given}

@@ -36,7 +36,7 @@ class Variant:
     outputs: Mapping[str, Port] = dc.field(default_factory=dict)
     #: Input port to the name of what it gets, where that is not the port's own name.
     aliases: Mapping[Port, str] = dc.field(default_factory=dict)
-    #: Names that systems hear only where another one makes them.
+    #: Names of what not every system of one's own makes, and others hear only where it is made.
     optional: frozenset[str] = frozenset()
     #: Names of the systems of the half that controls; all others are the navigator's.
     pilot: frozenset[str] = frozenset()
@@ -77,14 +77,14 @@ _COMMON = Variant(
         "rotor_status",
     ),
     outputs={
-        **_made_by("geometric_controller", "rotor_speed_command"),
+        **_made_by("geometric_controller", "rotor_speed_command", "negative_thrusts"),
         **_made_by("trajectory_tracker", "reference"),
         **_made_by("rotor_monitor", "rotor_losses"),
         **_made_by("lap_planner", "lap_plan"),
         **_made_by("explorer", "exploration_reference", "explorer_status"),
         **_made_by("aruco_detector", "detections"),
     },
-    optional=frozenset({"estimate_fault", "estimate_drift", "policy_status"}),
+    optional=frozenset({"estimate_fault", "estimate_drift", "policy_status", "negative_thrusts"}),
     pilot=frozenset({"trajectory_tracker", "rotor_monitor", "geometric_controller"}),
 )
 # The simulator tells the drone where it is, with a little noise.

@@ -28,12 +28,13 @@ KEYS: dict[str, tuple[Callable[[Any], Any], Any]] = {
         ("", 0.0, 0, "", (), None, False),
     ),
     "policy_status": (lambda status: (status.flies, status.reason), (False, "")),
+    "negative_thrusts": (lambda number: number.tolist(), [0.0]),
     "rotor_losses": (lambda losses: np.flatnonzero(np.isfinite(losses)).tolist(), []),
     "truth.contacts": (lambda contacts: contacts[:2].tolist(), [0.0, 0.0]),
     "slam_state": (lambda slam: slam.time, -1.0),
 }
 FOR_RESULT = KEYS.keys() - {"detections", "slam_state"}
-FOR_LOG = KEYS.keys() - {"policy_status", "rotor_losses", "truth.contacts"}
+FOR_LOG = KEYS.keys() - {"policy_status", "rotor_losses", "truth.contacts", "negative_thrusts"}
 
 
 class Changes:
@@ -78,6 +79,8 @@ class Changes:
             yield events.ExplorerChanged(time, status, entered, drone=drone)
         for status, _ in new("policy_status"):
             yield events.PolicyChanged(time, status, drone=drone)
+        for number, _ in new("negative_thrusts"):
+            yield events.NegativeThrusts(time, int(number[0]), drone=drone)
         for losses, before in new("rotor_losses"):
             for i in np.flatnonzero(np.isfinite(losses)):
                 if i not in before:

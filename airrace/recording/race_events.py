@@ -158,6 +158,13 @@ class RotorLost(DroneEvent):
 
 
 @dc.dataclass(frozen=True, eq=False)
+class NegativeThrusts(DroneEvent):
+    """A controller of the scenario's own has asked for negative thrusts again; see OwnWrench."""
+
+    number: int  #: so far
+
+
+@dc.dataclass(frozen=True, eq=False)
 class ContactsCounted(DroneEvent):
     """How many samples so far had a contact with gates, and with the environment."""
 

@@ -68,6 +68,7 @@ class RaceJson(TypedDict):
     mean_lap_s: float | None
     best_lap_s: float | None
     collisions: int
+    negative_thrusts: NotRequired[int]  # that a controller of one's own asked for
     wall: WallJson
 
 

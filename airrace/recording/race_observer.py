@@ -43,7 +43,7 @@ class RaceObserver(LeafSystem):
         - truth.state
         - truth.referee_status, truth.gate_shifts, truth.contacts
         - state_estimate, filtered_estimate, disturbance, imu, reference
-        - rotor_speeds, rotor_speed_command, rotor_losses
+        - rotor_speeds, rotor_speed_command, rotor_losses, negative_thrusts
         - camera_view, camera_image_time, camera_info, detections
         - slam_state, gate_map, lap_plan, explorer_status, policy_status
 

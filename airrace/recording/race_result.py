@@ -50,6 +50,7 @@ class RaceResult:
         self._policy_events = list[dict]()
         self._plans = dict[int, LapPlan]()  # by the first lap flown on it
         self._map_rms = dict[int, float | None]()  # by lap (m)
+        self._negative_thrusts = 0
         self._losses = dict[int, float]()  # number of a rotor, from 1, to when it was noticed (s)
 
     @property
@@ -77,6 +78,8 @@ class RaceResult:
                 self._entered += event.entered
             case events.PolicyChanged():
                 self._policy_events.append({"time_s": event.status.since, "what": event.what})
+            case events.NegativeThrusts():
+                self._negative_thrusts = event.number
             case events.RotorLost():
                 self._losses[event.rotor] = event.noticed
             case events.RaceOver():
@@ -133,6 +136,7 @@ class RaceResult:
                 ],
             },
             **self._policy_data(),
+            **({"negative_thrusts": self._negative_thrusts} if self._negative_thrusts else {}),
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),

@@ -235,7 +235,7 @@ def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) 
     """Returns why a race ended, with why the drone was to land, if it was."""
     if explorer.state != LAND:
         return reason
-    lost = f"the drone lost itself at {explorer.since:.1f} s ({explorer.reason})"
+    lost = f"the drone gave up at {explorer.since:.1f} s ({explorer.reason})"
     if reason is not None:
         return f"{reason}: {lost}"
     return f"{lost}, and {'came down' if airborne else 'stayed on its pad'}"

@@ -64,7 +64,7 @@ class RaceDisplay:
         self._vehicle = load_vehicle(scenario.drone)[0]
         self._opened, self._explorer = False, ExplorerStatus()
         self._lost, self._crossings = list[int](), 0
-        self._tumbled = False
+        self._tumbled = self._pulled = False
         self._lap_start = 0.0  # s
         self._live: Progress | None = None
 
@@ -147,6 +147,13 @@ class RaceDisplay:
             case events.RotorLost():
                 self._lost.append(event.rotor)
                 self._print_at(event.noticed, loss_line(self._vehicle, self._lost))
+            case events.NegativeThrusts() if not self._pulled:
+                self._pulled = True
+                self._print_at(
+                    event.time,
+                    "the controller asks for a negative thrust, which counts as none: rotors "
+                    "only push, up along the body's z axis",
+                )
             case events.GateCrossed():
                 crossing = event.crossing
                 if crossing.gate == 1 and self._crossings:

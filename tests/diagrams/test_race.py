@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -229,8 +230,10 @@ class TestShortFlights:
 
 FAULTY = """
     from airrace.common.errors import UserError
+    from airrace.systems.control.geometric_controller import GeometricController
     from airrace.systems.mapping.gate_mapper import GateMapper
     from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
+    from airrace.vehicle import load_vehicle
 
     class Crash(Exception):
         pass
@@ -248,6 +251,13 @@ FAULTY = """
 
     class TrackerAtOnce(Tracker):
         after = 0.0
+
+    class UpsideDown(GeometricController):
+        def __init__(self, scenario):
+            super().__init__(vehicle=load_vehicle(scenario.drone)[0], rate=500.0)
+
+        def calc_wrench(self, reference, estimate):
+            return -super().calc_wrench(reference, estimate)
 
     class Mapper(GateMapper):
         "Nobody can have its map, not even when the race is over."
@@ -292,6 +302,16 @@ class TestFaults:
         data = read_race(faulty_boxes)
         assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
         assert data["exploration"]["time_s"] == pytest.approx(time_s, abs=0.101)
+
+    @pytest.mark.slow
+    def test_a_controller_that_pushes_down(self, faulty_boxes):
+        """The drone never leaves its pad, and nobody waits for it longer than half a minute."""
+        scenario = short(100.0, systems={"geometric_controller": "faulty_boxes:UpsideDown"})
+        scenario.camera.renderer, scenario.map = "none", "track"
+        data = run_race(scenario, faulty_boxes)
+        assert re.search(r"gave up at 2\d.\d s .*check the controller's thrust", data["dnf_reason"])
+        assert data["dnf_reason"].endswith("and stayed on its pad")
+        assert data["negative_thrusts"] > 1000
 
     def test_a_sink_that_raises(self, tmp_path):
         def take(event):

@@ -119,7 +119,7 @@ def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
     )
     speeds = [np.linalg.norm(look.state[-3:]) for look in looks]
     assert not result["finished"] and result["collisions"] == 0
-    lost = r"the drone lost itself at 7.\d s \(the IMU fell silent\), and came down"
+    lost = r"the drone gave up at 7.\d s \(the IMU fell silent\), and came down"
     assert re.fullmatch(lost, result["dnf_reason"])
     assert max(speeds) > 5.0 and speeds[-2] < 4.0, "a fall from there ends at 11 m/s"
     assert result["exploration"]["events"][-1]["state"] == "LAND"
@@ -138,7 +138,7 @@ def test_in_the_dark_for_good_it_lands_and_says_why(tmp_path):
     """Neither explores it for ever, nor does it fly into something."""
     result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 5.0)]), tmp_path)
     assert not result["finished"] and result["collisions"] == 0
-    lost = r"the drone lost itself at .* s \(position uncertain by 5.\d m after .* s without a marker\), and came down"
+    lost = r"the drone gave up at .* s \(position uncertain by 5.\d m after .* s without a marker\), and came down"
     assert re.fullmatch(lost, result["dnf_reason"])
 
 

@@ -91,8 +91,8 @@ def test_classes_of_reasons():
     assert dnf_class("touched board_17 after rotor 3 had failed") == (
         "touched a board after rotor 3 had failed"
     )
-    lost = "the drone lost itself at 23.6 s (no marker was where it should be in 90 pictures)"
-    assert dnf_class(lost) == "the drone lost itself (no marker was where it should be)"
-    lost = "the drone lost itself at 9.6 s (velocity uncertain by 5.1 m/s after 7.0 s without"
-    assert dnf_class(lost) == "the drone lost itself (velocity uncertain without"
+    lost = "the drone gave up at 23.6 s (no marker was where it should be in 90 pictures)"
+    assert dnf_class(lost) == "the drone gave up (no marker was where it should be)"
+    lost = "the drone gave up at 9.6 s (velocity uncertain by 5.1 m/s after 7.0 s without"
+    assert dnf_class(lost) == "the drone gave up (velocity uncertain without"
     assert dnf_class("hit the ground") == "hit the ground"

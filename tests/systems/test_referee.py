@@ -166,7 +166,7 @@ def test_gates_that_did_not_move_are_judged_as_those_that_cannot():
 
 
 LANDING = ExplorerStatus(state="LAND", reason="the IMU fell silent", since=3.0)
-LOST = "the drone lost itself at 3.0 s (the IMU fell silent)"
+LOST = "the drone gave up at 3.0 s (the IMU fell silent)"
 
 
 def test_a_reason_names_why_a_drone_was_landing():

@@ -253,6 +253,17 @@ def test_a_rotor_that_is_noticed_is_told_once(drone, n, words):
     assert console.file.getvalue().splitlines()[2:] == [f"[   25.0 s] {words}"]
 
 
+def test_negative_thrusts_are_told_once_and_counted():
+    console = plain()
+    race = Race(console)
+    race.look(0.1)
+    for time, number in ((0.2, 50), (0.3, 100)):
+        race.race.look(time, negative_thrusts=np.array([number]))
+    (line,) = console.file.getvalue().splitlines()[2:]
+    assert line.startswith("[    0.2 s] the controller asks for a negative thrust")
+    assert race.result.data(1.0)["negative_thrusts"] == 100
+
+
 def test_a_drone_that_tumbles_is_told_once():
     console = plain()
     race = Race(console)

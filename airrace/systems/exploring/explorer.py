@@ -63,7 +63,8 @@ class Explorer(LeafSystem):
     - RETURN: gate 1 was found again, or as many gates as are expected, so through the
       gates still ahead, if the estimate drifts also gate 1, and home.
     - DONE: hovering there, ready to race.
-    - LAND: the estimate is of no use any more, in the race, too; so down on the spot, for good.
+    - LAND: the estimate is of no use any more, in the race, too, or the drone did not reach its
+      hover height; so down on the spot, for good.
 
     From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as
     the next gate is in the map. A search ends when a gate is found, or with the

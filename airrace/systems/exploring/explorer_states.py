@@ -4,7 +4,7 @@
 
 From HOVER, TURN_TO_GATE and the steps of the search (see search.py) lead back to HOVER, and
 every state of flight to FLY_TO_GATE. AVOID follows if the leg is not clear any more, and LAND
-every state if the estimate is of no use any more.
+every state if the estimate is of no use any more, or TAKE_OFF if the drone does not rise.
 """
 
 import dataclasses as dc
@@ -32,6 +32,7 @@ _AT_REST = "level and at rest now"
 # s, that a drone with `vio` rests on its pad: the longer, the better it knows the bias of its
 # gyroscope, and its heading once it flies.
 _REST = 2.0
+_CLIMB = 20.0  # s, after which a drone that should hover never will
 
 
 class StateMachine:
@@ -68,10 +69,7 @@ class StateMachine:
         if memory.status.state == LAND:
             return memory
         if now.fault:
-            landing = Landing(Stop.of(now.estimate, memory.home[2] - self._hover_height))
-            # From here on, nothing is asked of a leg but its reference.
-            memory = memory.flying(landing, now.time)  # type: ignore[arg-type]
-            return memory.entered(now.time, LAND, now.fault)
+            return self._land(now, now.fault)
         ahead = tuple(each for each in memory.gates_ahead if memory.leg_start + each[1] > now.time)
         if len(ahead) < len(memory.gates_ahead):
             now = now.remembering(gates_ahead=ahead)
@@ -99,9 +97,16 @@ class StateMachine:
         return self._follow(now, leg, "TAKE_OFF", f"level within {tilt:.1f} degrees, taking off")
 
     def _take_off(self, now):
-        """Waits for the hover height."""
+        """Waits for the hover height, but not for ever."""
         if self._arrival_time(now) is None:
-            return now.memory
+            if now.time < now.memory.leg_end + _CLIMB:
+                return now.memory
+            height = as_state(now.estimate).position[2] - now.memory.goal[2] + self._hover_height
+            return self._land(
+                now,
+                f"it is {height:z.1f} m above its pad {_CLIMB:.0f} s after it should hover at "
+                f"{self._hover_height:.1f} m: check the controller's thrust and the drone's mass",
+            )
         return now.memory.entered(now.time, "HOVER", "reached the hover height")
 
     def _hover(self, now):
@@ -158,6 +163,13 @@ class StateMachine:
         if self._arrival_time(now) is None:
             return self._check_leg(now)
         return now.memory.entered(now.time, "DONE", "hovering over the start", done=True)
+
+    def _land(self, now, reason):
+        """Returns the memory of a drone that comes down where it is, for good."""
+        landing = Landing(Stop.of(now.estimate, now.memory.home[2] - self._hover_height))
+        # From here on, nothing is asked of a leg but its reference.
+        memory = now.memory.flying(landing, now.time)  # type: ignore[arg-type]
+        return memory.entered(now.time, LAND, reason)
 
     # The transitions. Each returns the memory in the new state, or None, or the memory as it
     # was, if its condition is not met.

@@ -363,6 +363,12 @@ def test_takes_off_straight_up_along_its_heading():
     assert reference[15] == pytest.approx(0.3)
 
 
+def test_a_drone_that_does_not_rise_gives_up():
+    status, _ = standing(on_pad(0), 30.0)
+    assert status.state == "LAND"
+    assert status.reason.startswith("it is 0.0 m above its pad 20 s after it should hover at 5.0 m")
+
+
 def test_a_scenario_can_ask_for_a_slower_exploration():
     scenario = Scenario(explorer=ExplorerConfig(max_speed=4.0))
     flown = explore(

@@ -4,6 +4,7 @@ import math
 
 from airrace.common.errors import UserError
 
+_LEAST = 0.1  # m/s and m/s^2; a slower lap ends after the race
 ORIGINAL = (20.0, 10.0)  # m/s, m/s^2: of the Student AirRace paper
 _FASTEST_COLOR = 30.0  # m/s: where a scale of speeds ends if there is no limit
 
@@ -30,11 +31,11 @@ def parse_limits(text: str) -> tuple[float, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if name not in ("v", "a") or name in found or not 0.0 < number < math.inf:
+        if name not in ("v", "a") or name in found or not _LEAST <= number < math.inf:
             raise UserError(
                 f"The limits (--limits, planner.limits) '{text}' are not understood: say original "
                 "(20 m/s and 10 m/s^2), rotor (all that the rotors can do), or your own in m/s "
-                "and m/s^2, such as v=15,a=8."
+                f"and m/s^2, at least {_LEAST}, such as v=15,a=8."
             )
         found[name] = number
     return found.get("v", math.inf), found.get("a", math.inf)

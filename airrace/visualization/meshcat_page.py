@@ -38,8 +38,7 @@ def MakeMeshcat(track: "Course") -> Meshcat:
     """
     drake = logging.getLogger("drake")
     drake.setLevel(logging.WARNING)  # the programs print the address themselves
-    # Drake warns if a slow page asks for a picture that is gone.
-    drake.addFilter(_is_no_late_page)
+    drake.addFilter(_is_news)
     meshcat = HiddenMeshcat()
     meshcat.SetCameraPose(*overview(track))
     # Meshcat's default is a dim studio.
@@ -75,8 +74,13 @@ def HiddenMeshcat() -> Meshcat:
     )
 
 
-def _is_no_late_page(record: logging.LogRecord) -> bool:
-    return "Unknown CAS key" not in record.getMessage()
+def _is_news(record: logging.LogRecord) -> bool:
+    """Whether Drake says what the programs do not say themselves, or what matters.
+
+    It warns if a slow page asks for a picture that is gone, and tells twice of a page that died.
+    """
+    message = record.getMessage()
+    return "Unknown CAS key" not in message and "internal websocket" not in message
 
 
 def overview(track: "Course") -> tuple[np.ndarray, np.ndarray]:

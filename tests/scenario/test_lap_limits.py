@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from airrace.common.errors import UserError
 from airrace.scenario.lap_limits import parse_limits, speed_scale_end
 
-positive = st.floats(1e-3, 1e6)
+positive = st.floats(0.1, 1e6)
 
 
 def test_words():
@@ -38,6 +38,8 @@ def test_numbers(v, a):
         "v=",
         "v=x",
         "v=0",
+        "v=0.09",
+        "a=1e-9",
         "v=-1",
         "v=nan",
         "v=inf",

@@ -78,7 +78,7 @@ def kill(meshcat):
             time.sleep(0.01)
 
 
-def test_a_race_outlives_its_page(run, hexagon, capfd):
+def test_a_race_outlives_its_page(run, hexagon, caplog):
     lines, events = [], []
 
     def watch(event):
@@ -91,6 +91,7 @@ def test_a_race_outlives_its_page(run, hexagon, capfd):
         folder = run("watched", page, "{recording: {content: none}}", time_limit=1.5, sinks=[watch])
     assert len(lines) == 1, lines
     assert lines[0].startswith("The page is gone (Meshcat's internal websocket"), lines
+    assert not [record for record in caplog.records if record.name == "drake"]
     assert json.loads((folder / "race.json").read_text())["dnf_reason"].startswith(
         "ran out of time"
     )

@@ -168,7 +168,7 @@ class StateMachine:
         """Returns the memory of a drone that comes down where it is, for good."""
         landing = Landing(Stop.of(now.estimate, now.memory.home[2] - self._hover_height))
         # From here on, nothing is asked of a leg but its reference.
-        memory = now.memory.flying(landing, now.time)  # type: ignore[arg-type]
+        memory = now.memory.flying(landing, now.time)
         return memory.entered(now.time, LAND, reason)
 
     # The transitions. Each returns the memory in the new state, or None, or the memory as it

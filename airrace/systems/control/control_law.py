@@ -18,7 +18,7 @@ from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import State
 
-_THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
+_THRUST_SHARE = 1.0  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 

@@ -23,10 +23,15 @@ class PathClock(NamedTuple):
 
     def after(self, time: float) -> "PathClock":
         """Returns the clock at a later time (s)."""
-        t, (_, *d) = time - self.time, self
-        for order in range(4):  # Horner's rule, of each derivative
-            d[order] += t * (d[order + 1] + t / 2 * (_at(d, order + 2) + t / 3 * _at(d, order + 3)))
-        return PathClock(time, *d)
+        t, (_, d, d1, d2, d3, d4) = time - self.time, self
+        return PathClock(
+            time,
+            d + t * (d1 + t / 2 * (d2 + t / 3 * (d3 + t / 4 * d4))),
+            d1 + t * (d2 + t / 2 * (d3 + t / 3 * d4)),
+            d2 + t * (d3 + t / 2 * d4),
+            d3 + t * d4,
+            d4,
+        )
 
     @property
     def is_regular(self) -> bool:
@@ -58,10 +63,6 @@ class PathClock(NamedTuple):
         if self.is_regular:
             return plan.reference(time - self.delay)
         return flat_outputs(self.derivatives(plan, time))
-
-
-def _at(derivatives: list, order: int) -> float:
-    return derivatives[order] if order < len(derivatives) else 0.0
 
 
 _PACKING = Packing(PathClock)

@@ -3,13 +3,11 @@
 import errno
 import types
 
-import lcm
 import numpy as np
 import pytest
 
-from airrace.common.errors import UserError
 from airrace.hitl.link import packets
-from airrace.hitl.link.endpoint import HEARTBEAT, Endpoint, open_lcm
+from airrace.hitl.link.endpoint import Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from tests.hitl.link.messages import ROWS, message_of, values
 
@@ -218,24 +216,3 @@ def test_messages_without_an_end_do_not_take_every_turn(link, keeps_all):
     for drained in range(1, 4):
         link.simulation.drain()
         assert count[0] == drained
-
-
-def test_over_lcm_itself():
-    bus = lcm.LCM("memq://")
-    ends = [Endpoint(role, CHANNELS, bus) for role in ("simulation", "autonomy")]
-    for _ in range(4):
-        for one in ends:
-            one.send_heartbeat("waiting", 0.0)
-            one.drain()
-    assert ends[0].peer == ends[1].session and ends[1].peer == ends[0].session
-    ends[1].publish(MAP.name, message_of(MAP), 0.1)
-    ends[0].wait(1.0)
-    ends[0].drain()
-    assert ends[0].newest(MAP.name) is not None
-    assert HEARTBEAT in ends[0].statistics
-
-
-@pytest.mark.parametrize("url", ["nonsense", "udpm://nonsense", "udpm://10.0.0.1:80?ttl=0"])
-def test_a_url_that_cannot_be_opened(url):
-    with pytest.raises(UserError, match="--lcm_url .* cannot be opened"):
-        open_lcm(url)

@@ -13,6 +13,7 @@ from tests.hitl.link.messages import ROWS, message_of, values
 
 CHANNELS = ROWS
 COMMAND = next(row for row in ROWS if row.ports == ("rotor_speed_command",))
+CAMERA = next(row for row in ROWS if "camera_view" in row.ports)
 MAP = next(row for row in ROWS if row.ports == ("gate_map",))
 
 
@@ -187,6 +188,30 @@ def test_a_flood_of_stale_messages_changes_nothing(link):
     link.simulation.drain()
     statistics = link.simulation.statistics[COMMAND.name]
     assert (statistics.received, dict(statistics.dropped)) == (1, {packets.REPLAYED: 20_000})
+
+
+def test_of_pictures_that_wait_the_newest_is_decoded(link):
+    count = [0]
+    decode = CAMERA.decode
+
+    def counted(message):
+        count[0] += 1
+        return decode(message)
+
+    link.autonomy.close()
+    link.autonomy._subscribe(types.SimpleNamespace(**{**vars(CAMERA), "decode": counted}))
+    data = [link.simulation.publish(CAMERA.name, message_of(CAMERA), 0.1 * k) for k in range(5)]
+    for bad in (data[1], data[4][:-1], data[4]):
+        link.air.send(CAMERA.name, bad)
+    link.autonomy.drain()
+    statistics = link.autonomy.statistics[CAMERA.name]
+    assert count == [1] and link.autonomy.newest(CAMERA.name).stamp.sequence == 5
+    assert (statistics.received, statistics.missing) == (1, 0)
+    assert dict(statistics.dropped) == {
+        packets.OVERTAKEN: 4,
+        packets.REPLAYED: 2,
+        packets.MALFORMED: 1,
+    }
 
 
 class Stalled(BaseException):

@@ -17,6 +17,7 @@ LARGEST = 65535  # bytes of a datagram
 # Why a datagram is dropped, beside the reasons of packets.py.
 OTHER = "of other channels"
 INCOMPLETE = "incomplete"
+REST = "of no message that waits"
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 _LC02, _LC03 = b"LC02", b"LC03"
 _SHORT_PAYLOAD, _LONG_PAYLOAD = 65499, 65487  # bytes, with the name, at most, as LCM sends them
@@ -104,7 +105,7 @@ class Assembler:
             self._begin(sender, _Partial((number, size, count), channel))
         partial = self._partial.get(sender)
         if partial is None or partial.header != (number, size, count):
-            raise Dropped(INCOMPLETE)
+            raise Dropped(REST)
         if index in partial.parts:
             raise Dropped(MALFORMED)
         partial.parts[index] = offset, bytes(data)

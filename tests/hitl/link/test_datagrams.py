@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.hitl.link.datagrams import INCOMPLETE, LARGEST, OTHER, Assembler, datagrams
+from airrace.hitl.link.datagrams import INCOMPLETE, LARGEST, OTHER, REST, Assembler, datagrams
 from airrace.hitl.link.packets import MALFORMED, OVERSIZED
 
 CHANNEL = "AIRRACE_CAMERA"
@@ -70,7 +70,7 @@ DATAGRAMS = [
     (first(bytes(98), size=99, count=1), MALFORMED),
     (first(b"x", offset=0xFFFFFFF0), MALFORMED),
     (first(b"x", offset=4, count=1), MALFORMED),
-    (fragment(b"x", index=1), INCOMPLETE),
+    (fragment(b"x", index=1), REST),
     (fragment(b"x", size=5, index=1, count=65535), MALFORMED),
 ]
 

@@ -132,6 +132,21 @@ def test_the_newest_messages_wait(opened):
 
 
 @needs_network
+def test_a_picture_that_is_larger_than_the_kernels_buffer(opened):
+    """It gets through if somebody looks meanwhile; a busy machine may take some turns."""
+    one = UdpBus(DEFAULT_URL + "&recv_buf_size=212992")
+    with contextlib.closing(one):
+        got, other = heard_by(one), opened()
+        for _ in range(50):
+            time.sleep(0.02)
+            other.publish("A", bytes(921_600))
+            drain(one, 0.02)
+            if got:
+                break
+        assert got == [bytes(921_600)]
+
+
+@needs_network
 def test_what_the_kernel_drops_is_counted(opened):
     one = opened()
     heard_by(one, max_size=packets.MAX_SIZE)

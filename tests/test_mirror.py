@@ -42,6 +42,7 @@ evaluation/races_display.py              evaluation/test_command.py
 hitl/channels.py                         hitl/test_imu_channel.py
 hitl/companion/ssh.py                    hitl/companion/test_ssh_errors.py
 hitl/lcm_bridge.py                       hitl/test_imu_channel.py
+hitl/link/bus.py                         hitl/link/test_udp_bus.py
 hitl/link/codec.py                       hitl/link/test_image_messages.py
 hitl/link/message_socket.py              hitl/link/test_socket_bus.py
 hitl/link/packets.py                     hitl/link/test_endpoint.py

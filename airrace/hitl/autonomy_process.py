@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airrace.common.files import write_json
 from airrace.common.patience import patient
 from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
@@ -24,13 +25,11 @@ from airrace.hitl.pilot import Pilot, make_halves
 from airrace.hitl.remote_autonomy import LOCKSTEP
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.scenario import Scenario
 
 NAVIGATOR_ENDED = 4  # exit code; the others are lockstep_autonomy's
-PILOT_TICKS = "pilot_ticks.json"
+PILOT_TICKS, PILOT_LINK = "pilot_ticks.json", "pilot_link.json"
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
@@ -48,7 +47,7 @@ class AutonomyProcess:
     def __init__(
         self,
         scenario: "Scenario",
-        bus: "lcm.LCM | SimulatedBus",
+        bus: "Bus",
         output_dir: Path,
         log: Callable[[str], object] = print,
         stop: Callable[[], bool] = lambda: False,
@@ -56,8 +55,8 @@ class AutonomyProcess:
     ):
         """Constructs it; it listens from now on.
 
-        Args: bus: from open_lcm(). stop: asked now and then; whether to end. clock: of the Endpoint
-        (s).
+        Args: bus: to the simulation. stop: asked now and then; whether to end. clock: of the
+        Endpoint (s).
 
         Raises UserError if the variable of patient() is no number.
         """
@@ -72,17 +71,23 @@ class AutonomyProcess:
         self._patience = patient(_PATIENCE)
         self._said = float("-inf")  # when the log was last told that it compiles, s
 
-    def prepare(self, lcm_url: str, briefly: bool = False) -> None:
+    def prepare(self, lcm_url: str, key: bytes | None = None, briefly: bool = False) -> None:
         """Starts the navigator; pilot and navigator compile what they run, each its own.
 
-        Args: briefly: see warm_up_pilot().
+        Args: lcm_url, key: see UdpBus. briefly: see warm_up_pilot().
 
         Raises UserError if the navigator cannot begin.
         """
         scenario, duration = self._scenario, _BRIEFEST if briefly else _TRIAL
         session, poll = self._endpoint.session, self._endpoint.drain
         self._navigator = NavigatorProcess(
-            scenario, lcm_url, self._output_dir, session=session, briefly=briefly, duration=duration
+            scenario,
+            lcm_url,
+            self._output_dir,
+            key=key,
+            session=session,
+            briefly=briefly,
+            duration=duration,
         )
         self._budget = prepare_halves(
             scenario, self._navigator, duration, briefly, self.show_compiling, poll
@@ -111,7 +116,9 @@ class AutonomyProcess:
             side = MakeLockstepSide(
                 self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
             )
-            return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            code = race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            self._save_counts()
+            return code
         assert self._navigator is not None and self._budget is not None  # of prepare()
         self._endpoint.clock.rate = float(rate or 1.0)
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
@@ -125,6 +132,10 @@ class AutonomyProcess:
         if now - self._said > _NEWS:
             self._said = now
             self._log(f"airrace: compiling, once; {count} functions are done")
+
+    def _save_counts(self):
+        """Writes counts of what came over the link."""
+        write_json(self._output_dir / PILOT_LINK, self._endpoint.summary())
 
     def _poll(self):
         self._responder.respond()
@@ -166,6 +177,7 @@ class AutonomyProcess:
             if has_controlled:
                 ticks.stop()
         ticks.save(self._output_dir / PILOT_TICKS)
+        self._save_counts()
         if self._stop():
             return STOPPED
         return LEFT if self._phase() == phases.OVER else self._lost()

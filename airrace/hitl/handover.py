@@ -28,6 +28,7 @@ class Setup(NamedTuple):
 
     scenario: str  # as YAML
     lcm_url: str  # of the link to the simulation
+    key: bytes | None  # of that link
     output_dir: str  # where the checkpoint and the map go
     session: int  # of the pilot's Endpoint
     briefly: bool  # see warm_up_navigator()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import InitializeParams, Simulator
 
+from airrace.common.files import write_json
 from airrace.hitl.checkpoint import restore, save, states_of
 from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import MakeNavigatorSide
@@ -14,12 +15,11 @@ from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.systems.planning.lap_planner import LapPlanner
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.hitl.pilot import Halves
     from airrace.scenario import Scenario
 
+NAVIGATOR_LINK = "navigator_link.json"
 _GAP = 0.5  # s, beyond which the past is not caught up with
 
 
@@ -34,7 +34,7 @@ class Navigator:
         self,
         scenario: "Scenario",
         halves: "Halves",
-        bus: "lcm.LCM | SimulatedBus",
+        bus: "Bus",
         handover: Handover,
         *,
         output_dir: Path,
@@ -121,7 +121,8 @@ class Navigator:
             self._received = now
 
     def end(self) -> None:
-        """Writes the map as it is at the end."""
+        """Writes the map as it is at the end, and counts of what came over the link."""
+        write_json(self._output_dir / NAVIGATOR_LINK, self._endpoint.summary())
         writer = self._side.diagram.GetSubsystemByName("gate_map_writer")
         writer.ForcedPublish(writer.GetMyContextFromRoot(self._context))
 

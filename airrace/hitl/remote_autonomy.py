@@ -70,9 +70,8 @@ class Remote(Transport):
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator: "Simulator") -> dict:
-        channels = {name: each.summary() for name, each in self._endpoint.statistics.items()}
         round_trip = self._endpoint.clock.round_trip
-        return {"link": {"mode": self.mode, "round_trip_s": round_trip, "channels": channels}}
+        return {"link": {"mode": self.mode, "round_trip_s": round_trip, **self._endpoint.summary()}}
 
 
 class LockstepRemote(Remote):

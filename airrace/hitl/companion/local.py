@@ -29,6 +29,7 @@ class LocalCompanion(Companion):
             for name, contents in files.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
+                path.touch(0o600)  # one may be a key
                 path.write_bytes(contents)
             self._running.append(LocalAutonomy(arguments, folder, held, log))
         except OSError as e:

@@ -12,19 +12,25 @@ from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.packets import MAX_SIZE
 from airrace.hitl.link.statistics import ChannelStatistics
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.scenario import Scenario
 
 PICTURE, STATE, COMMAND, STATUS = (
     f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
 )
 CHANNELS = (
-    Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures),
+    Channel(
+        PICTURE,
+        lcmtypes.lcmt_pictures,
+        SIMULATION,
+        image_messages.decode_pictures,
+        max_size=MAX_SIZE,
+        most_waiting=8,
+    ),
     Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.ROTORS.decode),
     Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.ROTORS.decode),
     Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message),
@@ -63,7 +69,7 @@ class LinkFindings:
 
 
 def measure(
-    bus: "lcm.LCM | SimulatedBus",
+    bus: "Bus",
     scenario: "Scenario",
     duration: float,
     poll: Callable[[], object] = lambda: None,

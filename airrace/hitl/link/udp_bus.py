@@ -148,9 +148,10 @@ class UdpBus(Bus):
 
     def summary(self) -> dict:
         dropped = dict(self._assembler.dropped)
-        memory = self._receiver.getsockopt(socket.SOL_SOCKET, _MEMORY, _NUMBERS.size)
-        if lost := _NUMBERS.unpack(memory)[_DROPS]:
-            dropped[NO_ROOM] = lost
+        with contextlib.suppress(OSError):  # not every system counts them
+            memory = self._receiver.getsockopt(socket.SOL_SOCKET, _MEMORY, _NUMBERS.size)
+            if lost := _NUMBERS.unpack(memory)[_DROPS]:
+                dropped[NO_ROOM] = lost
         return {"received": self._datagrams, "dropped": dropped}
 
     def _read(self):

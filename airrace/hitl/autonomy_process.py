@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,16 +13,19 @@ from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.budget import Budget, prepare_halves
+from airrace.hitl.checkpoint import race_of
 from airrace.hitl.handover import Ended
 from airrace.hitl.lcm_bridge import MakeLockstepSide
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
 from airrace.hitl.navigator_process import NavigatorProcess
 from airrace.hitl.pilot import Pilot, make_halves
 from airrace.hitl.remote_autonomy import LOCKSTEP
+from airrace.hitl.shared_settings import shared_settings
 
 if TYPE_CHECKING:
     import lcm
@@ -53,32 +57,39 @@ class AutonomyProcess:
         log: Callable[[str], object] = print,
         stop: Callable[[], bool] = lambda: False,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        resume: Path | None = None,
+        url: str = "",
     ):
         """Constructs it; it listens from now on.
 
         Args: bus: from open_lcm(). stop: asked now and then; whether to end. clock: of the Endpoint
-        (s).
+        (s). resume: folder with the checkpoint of an autonomy that has ended, to go on with.
+        url: of the bus.
 
-        Raises UserError if the variable of patient() is no number.
+        Raises UserError if there is no such checkpoint, or the variable of patient() is no number.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
         self._halves = make_halves(scenario)
         self.channels = self._halves.channels(scenario)
-        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
+        me = Partner(shared=shared_settings(scenario, self.channels), url=url)
+        if resume is not None:
+            me.race, me.resumes = race_of(resume), True
+        self._resume = resume
+        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock, me=me)
         self._responder = Responder(self._endpoint)
         self._navigator: NavigatorProcess | None = None
         self._budget: Budget | None = None
         self._patience = patient(_PATIENCE)
         self._said = float("-inf")  # when the log was last told that it compiles, s
 
-    def prepare(self, lcm_url: str, briefly: bool = False) -> None:
+    def prepare(self, lcm_url: str) -> None:
         """Starts the navigator; pilot and navigator compile what they run, each its own.
-
-        Args: briefly: see warm_up_pilot().
 
         Raises UserError if the navigator cannot begin.
         """
+        briefly = self._resume is not None  # see warm_up_pilot()
         scenario, duration = self._scenario, _BRIEFEST if briefly else _TRIAL
         session, poll = self._endpoint.session, self._endpoint.drain
         self._navigator = NavigatorProcess(
@@ -93,19 +104,18 @@ class AutonomyProcess:
         if self._navigator is not None:
             self._navigator.close()
 
-    def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
+    def run(self, patience: float = 60.0) -> int:
         """Waits for a simulation, at most some time (s), and races; returns the exit code.
 
-        Args: resume: folder with the checkpoint of an autonomy that has ended, to go on with.
-
-        Raises UserError if there is none, or nothing to resume.
+        Raises UserError if there is none, or it does not fit.
         """
-        expected = phases.RACING if resume else phases.READY
+        expected = phases.RACING if self._resume else phases.READY
         await_peer(
             self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
         )
-        mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
-        if mode == LOCKSTEP:
+        met = self._endpoint.peer_heartbeat.value
+        self._endpoint.join(met.race)
+        if met.mode == LOCKSTEP:
             self.close()
             autonomy = MakeAutonomy(self._scenario)
             side = MakeLockstepSide(
@@ -113,9 +123,9 @@ class AutonomyProcess:
             )
             return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
         assert self._navigator is not None and self._budget is not None  # of prepare()
-        self._endpoint.clock.rate = float(rate or 1.0)
+        self._endpoint.clock.rate = met.rate if 0.0 < met.rate < math.inf else 1.0
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
-        return self._race(self._navigator, resume)
+        return self._race(self._navigator)
 
     def show_compiling(self, count: int) -> None:
         """Tells the simulation, and now and then whoever reads the log, how many are compiled."""
@@ -131,11 +141,11 @@ class AutonomyProcess:
         if self._stop():
             raise KeyboardInterrupt
 
-    def _race(self, navigator: NavigatorProcess, resume: Path | None) -> int:
+    def _race(self, navigator: NavigatorProcess) -> int:
         pilot = Pilot(self._scenario, self._halves, self._endpoint, navigator.handover)
         while not pilot.is_ready():
-            self._wait_and_poll(phases.WAITING)
-            pilot.prepare(resume)
+            self._wait_and_poll(phases.WAITING, pilot.waits_for)
+            pilot.prepare(self._resume)
             if self._has_lost(navigator):
                 return NAVIGATOR_ENDED
             if self._endpoint.silence > self._patience:
@@ -200,11 +210,11 @@ class AutonomyProcess:
         self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
         return LOST
 
-    def _wait_and_poll(self, phase):
+    def _wait_and_poll(self, phase, text=""):
         """Waits a moment, takes in what has come, and shows that it is alive."""
         self._endpoint.wait(_TICK)
         self._endpoint.drain()
-        self._endpoint.beat(phase, 0.0)
+        self._endpoint.beat(phase, 0.0, text)
 
 
 @contextlib.contextmanager

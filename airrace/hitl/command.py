@@ -112,14 +112,17 @@ def autonomy(
     from airrace.hitl.autonomy_process import AutonomyProcess
     from airrace.hitl.link.endpoint import DEFAULT_URL
 
-    scenario, bus = scenario_and_bus(options, lcm_url)
+    url = lcm_url or DEFAULT_URL
+    scenario, bus = scenario_and_bus(options, url)
     with interrupt_flag() as interrupted:
         with results_folder(output) as folder:
-            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            process = AutonomyProcess(
+                scenario, bus, folder, stop=lambda: interrupted.is_set, resume=resume, url=url
+            )
             with contextlib.closing(process):
-                process.prepare(lcm_url or DEFAULT_URL, briefly=resume is not None)
+                process.prepare(url)
                 print(READY, flush=True)
-                return process.run(resume=resume, patience=patience)
+                return process.run(patience)
 
 
 def simulation(*, options: HitlOptions = HitlOptions()) -> int:

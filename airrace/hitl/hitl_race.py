@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses as dc
 import importlib.util
+import secrets
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -23,8 +24,10 @@ from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import measure
 from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote, Remote
+from airrace.hitl.shared_settings import shared_settings
 from airrace.hitl.warm_up import warm_up
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
@@ -98,12 +101,13 @@ def remote_transport(
             there = LocalCompanion() if address is None else make_companion(address)
             stack.enter_context(contextlib.closing(there))
             poll, poll_start = _start(there, scenario, url, output_dir / "autonomy", note, stack)
+        me = Partner(secrets.token_hex(16), shared_settings(scenario, channels), url=url)
         if not lockstep:
             warm_up(scenario)
-            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience)
+            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience, me=me)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
-        endpoint = Endpoint(SIMULATION, channels, bus)
+        endpoint = Endpoint(SIMULATION, channels, bus, me=me)
         stack.callback(endpoint.close)
         await_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
         if lockstep:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
     from airrace.systems.types import RefereeStatus
 
-LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
+LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # the modes that the simulation's heartbeats say
 _TICK = 0.001  # s between polls of the link
 _BEHIND = 0.1  # s of the wall's clock that the simulation catches up; the rest is lost
 _LAST_HEARTBEATS = 5
@@ -49,6 +49,7 @@ class Remote(Transport):
                 its exit code if it has ended.
         """
         self._channels, self._endpoint, self._poll = channels, endpoint, poll
+        endpoint.partners.me.mode = self.mode
         self._shown = -1.0
 
     def AddToBuilder(
@@ -105,7 +106,7 @@ class LockstepRemote(Remote):
 
     def _meet(self) -> None:
         """Waits until the autonomy is ready."""
-        await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
+        await_peer(self._endpoint, phases.READY, timeout=_PATIENCE, poll=self._poll)
 
     def _step(self, context: "Context") -> str | None:
         """Exchanges the messages of one step; returns why the race cannot go on, or None."""
@@ -131,7 +132,7 @@ class RealTimeRemote(Remote):
     ):
         """Args: rate: seconds of simulated time a second. The others: see Remote."""
         super().__init__(channels, endpoint, poll)
-        self._rate = rate
+        self._rate = endpoint.partners.me.rate = rate
         self._start = self._late = 0.0  # by the endpoint's clock, s
         self._ticks = 0
 
@@ -143,7 +144,6 @@ class RealTimeRemote(Remote):
         await_peer(
             self._endpoint,
             phases.READY,
-            f"{REAL_TIME} {self._rate!r}",
             timeout=_PATIENCE,
             poll=lambda: self._send_initial_values(context),
         )
@@ -177,15 +177,12 @@ class RealTimeRemote(Remote):
         due = self._start + self._late + tick / self._rate
         while True:
             now = self._endpoint.now()
-            self._send_heartbeat(sim_time)
+            self._endpoint.beat(phases.RACING, sim_time)
             self._endpoint.drain()
             if now >= due:
                 self._late += max(now - due - _BEHIND, 0.0)
                 return
             self._endpoint.wait(due - now)
-
-    def _send_heartbeat(self, sim_time):
-        self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator: "Simulator") -> dict:
         m = self._watchdog_memory(simulator.get_context())

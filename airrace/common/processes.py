@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,6 +51,19 @@ def _quotas() -> Iterator[float]:
             with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
                 quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
                 yield int(quota) / int(period)
+
+
+def ending(code: int) -> str:
+    """Returns what became of a process, from its exit code as subprocess has it, in words."""
+    return f"was killed: {signal_name(-code)}" if code < 0 else f"ended with exit code {code}"
+
+
+def signal_name(number: int) -> str:
+    """Returns what a signal is called, such as ``SIGTERM``."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 @contextlib.contextmanager

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airrace.common.errors import words
 from airrace.common.patience import patient
-from airrace.common.processes import real_time_priority
+from airrace.common.processes import ending, real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.budget import Budget, prepare_halves
@@ -40,6 +41,7 @@ _NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
 _TIDY = 1.0  # s from one look for garbage to the next
 _LAST_HEARTBEATS = 5
+_TOLD = "it was told to stop"
 _TRIAL, _BRIEFEST = 1.5, 0.1  # s of made-up messages, by which it says whether it is fast enough
 
 
@@ -91,7 +93,7 @@ class AutonomyProcess:
         """
         briefly = self._resume is not None  # see warm_up_pilot()
         scenario, duration = self._scenario, _BRIEFEST if briefly else _TRIAL
-        session, poll = self._endpoint.session, self._endpoint.drain
+        session, poll = self._endpoint.session, self._poll
         self._navigator = NavigatorProcess(
             scenario, lcm_url, self._output_dir, session=session, briefly=briefly, duration=duration
         )
@@ -109,6 +111,13 @@ class AutonomyProcess:
 
         Raises UserError if there is none, or it does not fit.
         """
+        try:
+            return self._run(patience)
+        except Exception as e:
+            self._say_last(f"it was stopped by an error: {words(e)}")
+            raise
+
+    def _run(self, patience: float) -> int:
         expected = phases.RACING if self._resume else phases.READY
         await_peer(
             self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
@@ -121,7 +130,10 @@ class AutonomyProcess:
             side = MakeLockstepSide(
                 self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
             )
-            return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            code = race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            if code == STOPPED:
+                self._say_last(_TOLD)
+            return code
         assert self._navigator is not None and self._budget is not None  # of prepare()
         self._endpoint.clock.rate = met.rate if 0.0 < met.rate < math.inf else 1.0
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
@@ -137,6 +149,7 @@ class AutonomyProcess:
             self._log(f"airrace: compiling, once; {count} functions are done")
 
     def _poll(self):
+        self._endpoint.drain()
         self._responder.respond()
         if self._stop():
             raise KeyboardInterrupt
@@ -163,7 +176,7 @@ class AutonomyProcess:
         """Flies the race; returns the exit code."""
         ticks, tidied = LoopTimes(), self._endpoint.now()
         while not self._ended():
-            if self._has_lost(navigator, pilot.time):
+            if self._has_lost(navigator):
                 return NAVIGATOR_ENDED
             self._endpoint.wait(_TICK)
             ticks.start()
@@ -177,10 +190,11 @@ class AutonomyProcess:
                 ticks.stop()
         ticks.save(self._output_dir / PILOT_TICKS)
         if self._stop():
+            self._say_last(_TOLD)
             return STOPPED
         return LEFT if self._phase() == phases.OVER else self._lost()
 
-    def _has_lost(self, navigator: NavigatorProcess, sim_time: float = 0.0) -> bool:
+    def _has_lost(self, navigator: NavigatorProcess) -> bool:
         """Whether the navigator has ended; then it says so, also to the simulation.
 
         The drone is left to its flight controller, as if the link had failed: without a map it
@@ -188,14 +202,19 @@ class AutonomyProcess:
         """
         if (code := navigator.poll()) is None:
             return False
-        reason = f"its navigator ended with exit code {code}"
+        reason = f"its navigator {ending(code)}"
         for message in navigator.handover.receive():
             if isinstance(message, Ended):
                 reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")
-        for _ in range(_LAST_HEARTBEATS):
-            self._endpoint.send_heartbeat(phases.RACING, sim_time, reason)
+        self._say_last(reason)
         return True
+
+    def _say_last(self, reason: str) -> None:
+        """Tells the simulation why nothing more will come."""
+        sim_time = self._endpoint.peer_heartbeat.stamp.time
+        for _ in range(_LAST_HEARTBEATS):
+            self._endpoint.send_heartbeat(self._endpoint.partners.phase, sim_time, reason)
 
     def _phase(self) -> str:
         return self._endpoint.peer_heartbeat.value.phase

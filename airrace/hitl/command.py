@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Group, Parameter
 
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
@@ -125,6 +126,7 @@ def autonomy(
                 return process.run(patience)
 
 
+@sigterm_as_ctrl_c()
 def simulation(*, options: HitlOptions = HitlOptions()) -> int:
     """Run the simulation, for an autonomy that waits at the other end."""
     from airrace.hitl.hitl_race import BY_HAND

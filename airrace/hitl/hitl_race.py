@@ -13,6 +13,7 @@ from typing import Any
 from airrace.common.errors import UserError
 from airrace.common.files import files_in
 from airrace.common.patience import patient
+from airrace.common.processes import ending
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.channels import make_channels
@@ -119,9 +120,9 @@ def remote_transport(
 def _start(companion, scenario, url, folder, note, stack):
     """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
 
-    Returns its poll(), and one that raises UserError if it has ended.
+    Returns its poll(), which notes how it ended, and one that raises UserError if it has.
     """
-    last = ""
+    last, noted = "", False
 
     def log(line):
         nonlocal last
@@ -132,14 +133,20 @@ def _start(companion, scenario, url, folder, note, stack):
     autonomy = companion.start(arguments, files_of(scenario), log)
     stack.callback(_collect, autonomy, folder, note)
 
+    def poll():
+        nonlocal noted
+        code = autonomy.poll()
+        if code is not None and not noted:
+            noted = True
+            note(f"autonomy: its process {ending(code)}")
+        return code
+
     def poll_start():
         if (code := autonomy.poll()) is not None:
-            raise UserError(
-                f"The autonomy ended with exit code {code} before the race: "
-                f"{last.removeprefix('airrace: ')}"
-            )
+            said = f": {last.removeprefix('airrace: ')}" if code > 0 and last else "."
+            raise UserError(f"The autonomy's process {ending(code)} before the race{said}")
 
-    return autonomy.poll, poll_start
+    return poll, poll_start
 
 
 def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) -> None:

@@ -193,7 +193,7 @@ def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path,
     assert result["wall"]["link"]["watchdog"]["landings"] == 1
     assert json.loads((tmp_path / "out/map.json").read_text())["time_s"] > 0.0
     assert (tmp_path / "out/autonomy/map.json").exists()
-    why = "(its navigator ended with exit code -9)"
+    why = "(its navigator was killed: SIGKILL)"
     assert (why in result["dnf_reason"]) == (victim == "navigator")
 
 

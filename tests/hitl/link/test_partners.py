@@ -188,6 +188,13 @@ def test_one_who_differs_does_not_disturb_two_who_have_met(network):
     simulation = network.add(SIMULATION, phases.WAITING, race=RACE, shared={"a": 1})
     autonomy = network.add(AUTONOMY, phases.WAITING, shared={"a": 1})
     await_peer(simulation, phases.WAITING, timeout=30.0)
+    begun = network.link.time
+
+    def get_ready():
+        if network.link.time > begun + 2.0:
+            network.phases[autonomy] = phases.READY
+
+    await_peer(simulation, phases.READY, timeout=30.0, poll=get_ready)
     assert simulation.peer == autonomy.session
 
 

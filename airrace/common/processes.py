@@ -4,10 +4,12 @@ import contextlib
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 _LOOK = 0.3  # s, between two looks at the parent
+_FAREWELL = 5.0  # s, that it has to stop
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -51,6 +53,22 @@ def _quotas() -> Iterator[float]:
             with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
                 quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
                 yield int(quota) / int(period)
+
+
+def stopped_with(parent: int) -> None:
+    """Has this process told to stop, by SIGTERM, when its parent ends; see bound_to().
+
+    It is told once more after a while: the second time it obeys, see interrupt_flag().
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK)
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(_FAREWELL)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def ending(code: int) -> str:

@@ -159,6 +159,8 @@ def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) ->
         autonomy.collect(folder)
     except UserError as e:  # the race's own files are there
         note(f"airrace: {e}")
+    with contextlib.suppress(OSError):
+        folder.rmdir()  # if it had written nothing
 
 
 def files_of(scenario: Scenario) -> dict[str, bytes]:

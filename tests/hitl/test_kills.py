@@ -29,8 +29,8 @@ pytestmark = pytest.mark.skipif(
     != 0,
     reason="a network of one's own (unshare -n) takes root",
 )
-SCENARIO = "{camera: {width: 320, height: 180}, referee: {time_limit: 200.0}}"
-LOCKSTEP, REAL_TIME, QUICK = ("--lockstep",), ("--realtime_rate", "0.5"), ("--realtime_rate", "1")
+SCENARIO = "{camera: {width: 640, height: 360}, referee: {time_limit: 200.0}}"
+LOCKSTEP, REAL_TIME = ("--lockstep",), ("--realtime_rate", "0.5")
 KILL, TERM, INT, SEGV = signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSEGV
 
 
@@ -45,7 +45,7 @@ class Case(NamedTuple):
 
 
 STARTING, READY_TO_RACE = "", READY
-EXPLORING, RACING = "TAKE_OFF", r"lap 1\b.* planned|PLAN|DONE"
+EXPLORING, RACING = "TAKE_OFF", "DONE: hovering over the start"
 SILENT = r".*the autonomy fell silent at .* \({}\)"
 KILLED, SEGFAULT = "its process was killed: SIGKILL", "its process was killed: SIGSEGV"
 CASES = [
@@ -58,15 +58,15 @@ CASES = [
     Case(EXPLORING, REAL_TIME, "simulation", TERM, 1, "interrupted"),
     Case(EXPLORING, REAL_TIME, "autonomy", SEGV, 1, SILENT.format(SEGFAULT), SEGFAULT),
     Case(EXPLORING, REAL_TIME, "autonomy", TERM, 1, SILENT.format("it was told to stop")),
-    Case(RACING, QUICK, "simulation", KILL, -9, "not over yet"),
-    Case(RACING, QUICK, "simulation", INT, 1, "interrupted"),
-    Case(RACING, QUICK, "autonomy", KILL, 1, rf".*\({KILLED}\)", KILLED),
     Case(EXPLORING, LOCKSTEP, "simulation", KILL, -9, "not over yet"),
     Case(EXPLORING, LOCKSTEP, "simulation", INT, 1, "interrupted"),
     Case(EXPLORING, LOCKSTEP, "autonomy", KILL, 1, rf"the autonomy left the race \({KILLED}\)"),
     Case(EXPLORING, LOCKSTEP, "autonomy", TERM, 1, r"the autonomy left .*\(it was told to stop\)"),
+    Case(RACING, LOCKSTEP, "simulation", KILL, -9, "not over yet"),
+    Case(RACING, LOCKSTEP, "simulation", INT, 1, "interrupted"),
+    Case(RACING, LOCKSTEP, "autonomy", KILL, 1, rf"the autonomy left the race \({KILLED}\)"),
 ]
-IN_SHORT = (3, 14)  # those that are always tried: it can't start; it dies in the race
+IN_SHORT = (3, 11)  # those that are always tried: it can't start; it dies in the race
 
 
 @pytest.mark.parametrize(
@@ -140,8 +140,8 @@ def autonomy_of(race):
 
 def check_results(output, case, text):
     if case.reason is None:
-        assert not (output / "race.json").exists(), text
-        assert case.number == KILL and case.victim == "simulation" or not output.exists(), text
+        left = [path.name for path in output.iterdir()] if output.exists() else []
+        assert left in ([], ["autonomy"]), text  # which its navigator leaves when it has compiled
         return
     result = json.loads((output / "race.json").read_text())
     assert re.match(case.reason, result["dnf_reason"]), result["dnf_reason"]

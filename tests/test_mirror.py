@@ -54,7 +54,6 @@ hitl/lockstep_autonomy.py                hitl/test_hitl_race.py
 hitl/navigator.py                        hitl/test_pilot.py
 hitl/navigator_process.py                hitl/test_hitl_race.py
 hitl/playback.py                         diagrams/test_warm_up.py
-hitl/remote_autonomy.py                  hitl/test_hitl_race.py
 league/check.py                          league/test_entry_race.py
 league/display.py                        league/test_command.py
 league/league_json.py                      league/test_folder_check.py

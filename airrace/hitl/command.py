@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Group, Parameter
 
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
@@ -129,17 +130,20 @@ def autonomy(
     from airrace.hitl.autonomy_process import AutonomyProcess
     from airrace.hitl.link.endpoint import DEFAULT_URL
 
-    key = key_of(link_key)
-    scenario, bus = scenario_and_bus(options, lcm_url, key)
+    key, url = key_of(link_key), lcm_url or DEFAULT_URL
+    scenario, bus = scenario_and_bus(options, url, key)
     with contextlib.closing(bus), interrupt_flag() as interrupted:
         with results_folder(output) as folder:
-            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            process = AutonomyProcess(
+                scenario, bus, folder, stop=lambda: interrupted.is_set, resume=resume, url=url
+            )
             with contextlib.closing(process):
-                process.prepare(lcm_url or DEFAULT_URL, key, briefly=resume is not None)
+                process.prepare(url, key)
                 print(READY, flush=True)
-                return process.run(resume=resume, patience=patience)
+                return process.run(patience)
 
 
+@sigterm_as_ctrl_c()
 def simulation(*, options: HitlOptions = HitlOptions()) -> int:
     """Run the simulation, for an autonomy that waits at the other end."""
     from airrace.hitl.hitl_race import BY_HAND

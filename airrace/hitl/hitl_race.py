@@ -4,6 +4,7 @@ import contextlib
 import dataclasses as dc
 import importlib.util
 import json
+import secrets
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from airrace.common.errors import UserError
 from airrace.common.files import files_in, write_json
 from airrace.common.json_files import read_json
 from airrace.common.patience import patient
+from airrace.common.processes import ending
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.autonomy_process import PILOT_LINK
@@ -27,10 +29,12 @@ from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint
 from airrace.hitl.link.link_key import read_key
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import measure
 from airrace.hitl.link.udp_bus import UdpBus
 from airrace.hitl.navigator import NAVIGATOR_LINK
 from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote, Remote
+from airrace.hitl.shared_settings import shared_settings
 from airrace.hitl.warm_up import warm_up
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
@@ -108,12 +112,13 @@ def remote_transport(
             stack.enter_context(contextlib.closing(there))
             folder = output_dir / "autonomy"
             poll, poll_start = _start(there, scenario, url, key, folder, note, stack)
+        me = Partner(secrets.token_hex(16), shared_settings(scenario, channels), url=url)
         if not lockstep:
             warm_up(scenario)
-            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience)
+            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience, me=me)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
-        endpoint = Endpoint(SIMULATION, channels, bus)
+        endpoint = Endpoint(SIMULATION, channels, bus, me=me)
         stack.callback(endpoint.close)
         await_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
         if lockstep:
@@ -125,9 +130,9 @@ def remote_transport(
 def _start(companion, scenario, url, key, folder, note, stack):
     """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
 
-    Returns its poll(), and one that raises UserError if it has ended.
+    Returns its poll(), which notes how it ended, and one that raises UserError if it has.
     """
-    last = ""
+    last, noted = "", False
 
     def log(line):
         nonlocal last
@@ -141,14 +146,20 @@ def _start(companion, scenario, url, key, folder, note, stack):
     autonomy = companion.start(arguments, files, log)
     stack.callback(_collect, autonomy, folder, note)
 
+    def poll():
+        nonlocal noted
+        code = autonomy.poll()
+        if code is not None and not noted:
+            noted = True
+            note(f"autonomy: its process {ending(code)}")
+        return code
+
     def poll_start():
         if (code := autonomy.poll()) is not None:
-            raise UserError(
-                f"The autonomy ended with exit code {code} before the race: "
-                f"{last.removeprefix('airrace: ')}"
-            )
+            said = f": {last.removeprefix('airrace: ')}" if code > 0 and last else "."
+            raise UserError(f"The autonomy's process {ending(code)} before the race{said}")
 
-    return autonomy.poll, poll_start
+    return poll, poll_start
 
 
 def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) -> None:
@@ -162,6 +173,8 @@ def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) ->
         _add_counts(folder)
     except UserError as e:  # the race's own files are there
         note(f"airrace: {e}")
+    with contextlib.suppress(OSError):
+        folder.rmdir()  # if it had written nothing
 
 
 def _add_counts(folder: Path) -> None:

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 
 from airrace.common.files import write_json
 from airrace.hitl.checkpoint import restore, save, states_of
-from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
+from airrace.hitl.handover import Handover, Joined, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import MakeNavigatorSide
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.systems.planning.lap_planner import LapPlanner
@@ -81,9 +81,11 @@ class Navigator:
         match message:
             case Resume(folder):
                 self._resume = folder
-            case States(by_system) if self.is_started:
+            case Joined(race):
+                self._endpoint.join(race)
+            case States(race, by_system) if self.is_started:
                 states = states_of(self._side.part, self._context)
-                save(self._output_dir, {**by_system, **states})
+                save(self._output_dir, race, {**by_system, **states})
             case PortValues():
                 self._go_on(message)
 

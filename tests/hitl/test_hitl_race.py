@@ -200,7 +200,7 @@ def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path,
     assert result["wall"]["link"]["watchdog"]["landings"] == 1
     assert json.loads((tmp_path / "out/map.json").read_text())["time_s"] > 0.0
     assert (tmp_path / "out/autonomy/map.json").exists()
-    why = "(its navigator ended with exit code -9)"
+    why = "(its navigator was killed: SIGKILL)"
     assert (why in result["dnf_reason"]) == (victim == "navigator")
 
 
@@ -251,8 +251,8 @@ def test_doctor_and_the_simulations_death(tmp_path):
 )
 def test_bad_input_is_one_sentence(options, sentence, tmp_path, capsys):
     assert main(["race", "--no-meshcat", "--output", str(tmp_path / "out"), *options]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith(f"airrace: {sentence}") and err.count("\n") == 1, err
+    said = [line for line in capsys.readouterr().err.splitlines() if "Compiling" not in line]
+    assert len(said) == 1 and said[0].startswith(f"airrace: {sentence}"), said
     assert not (tmp_path / "out").exists()
 
 

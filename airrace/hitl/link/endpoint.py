@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 from airrace.hitl.link import packets
 from airrace.hitl.link.bus import Bus, Subscription
 from airrace.hitl.link.clock import PeerClock
+from airrace.hitl.link.partners import AUTONOMY as AUTONOMY
+from airrace.hitl.link.partners import SIMULATION as SIMULATION
+from airrace.hitl.link.partners import Partner, Partners
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.lcmtypes import lcmt_heartbeat
 
-SIMULATION, AUTONOMY = "simulation", "autonomy"  # the roles
 HEARTBEAT = "AIRRACE_HEARTBEAT"
 HEARTBEAT_PERIOD = 0.05  # s
 # The loopback of this computer alone. Whoever wants more says so.
@@ -75,6 +77,7 @@ class Endpoint:
         bus: Bus,
         clock: Callable[[], float] = time.monotonic,
         session: int | None = None,
+        me: Partner | None = None,
     ):
         """Constructs the endpoint, which listens from now on.
 
@@ -83,12 +86,14 @@ class Endpoint:
             bus: to the other side.
             session: of another endpoint with the same role and clock that speaks for this one,
                 too: it sends the heartbeats, and neither sends on a channel of the other's.
+            me: what the heartbeats say of this side; None: of no race, and any other side will do.
         """
         self.role = role
         self.session = session or int.from_bytes(os.urandom(7)) | 1
         self.peer = 0  # session of the other side, 0 while unknown
         self.peer_heartbeat = _NO_HEARTBEAT  # the newest
-        self._stranger = None  # Received, a heartbeat of another session
+        self._stranger = None  # Received, a heartbeat of another session that may be let in
+        self.partners = Partners(role, me or Partner())
         self.clock = PeerClock()
         self.statistics = {}  # name of a channel to ChannelStatistics
         self._bus = bus
@@ -157,8 +162,9 @@ class Endpoint:
     ) -> bytes:
         """Sends a heartbeat; see lcmt_heartbeat. ``belongs``: channel to sequence number."""
         message = lcmt_heartbeat()
-        message.role, message.phase, message.text = self.role, phase, text
-        message.step = step
+        self.partners.phase = phase
+        self.partners.introduce(message, self.now())
+        message.text, message.step = text, step
         message.sent = round(self.now() * 1e9)
         heard = self.peer_heartbeat
         if self._stranger is not None and self.silence > _DOUBT:
@@ -170,6 +176,12 @@ class Endpoint:
         message.num_channels = len(belongs)
         message.channels, message.sequences = list(belongs), list(belongs.values())
         return self.publish(HEARTBEAT, message, sim_time)
+
+    def join(self, race: str) -> None:
+        """Is of a race from now on, and forgets an other side that is not."""
+        self.partners.me.race = race
+        if self.peer and self.peer_heartbeat.value.race != race:
+            self.peer, self.peer_heartbeat = 0, _NO_HEARTBEAT
 
     def beat(self, phase: str, sim_time: float, text: str = "") -> bool:
         """Sends a heartbeat if it is time for one; returns whether it was."""
@@ -237,6 +249,8 @@ class Endpoint:
             stamp = packets.stamp_of(data)
             if channel.name == HEARTBEAT:
                 message = packets.decode(data, channel.message_type)
+                if stamp.session not in (self.session, self.peer):
+                    self.partners.notice(message, arrival)
                 if message.role == self.role:
                     return  # our own, or of a second process with this role
                 self._check_heartbeat(message, stamp, arrival)
@@ -307,10 +321,12 @@ class Endpoint:
         The proof is that it has just received a heartbeat of ours: a recording of an earlier
         run names another session of ours, one of this run an old time. A process that has
         received none yet is answered by our next heartbeat, unless the known other side is
-        alive. Raises Dropped.
+        alive. See also Partners.admits(). Raises Dropped.
         """
         if stamp.session == self.peer:
             return
+        if not self.partners.admits(message):
+            raise packets.Dropped(packets.FOREIGN)
         fresh = 0.0 <= arrival - message.peer_sent * 1e-9 < _OLD_ECHO
         if message.peer != self.session or not fresh:
             self._stranger = Received(message, stamp, arrival)

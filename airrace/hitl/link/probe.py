@@ -13,6 +13,7 @@ from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.packets import MAX_SIZE
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.statistics import ChannelStatistics
 
 if TYPE_CHECKING:
@@ -75,15 +76,16 @@ def measure(
     poll: Callable[[], object] = lambda: None,
     show: Callable[[float], object] = lambda share: None,
     patience: float = 60.0,
+    me: Partner | None = None,
 ) -> LinkFindings:
     """Returns how a link does, with an autonomy that waits at its other end.
 
     Args: poll: called now and then; may raise. show: called with the share of the test that is
-    over. patience: how long to wait for the autonomy (s).
+    over. patience: how long to wait for the autonomy (s). me: see Endpoint.
 
     Raises UserError if there is no autonomy.
     """
-    endpoint = Endpoint(SIMULATION, CHANNELS, bus)
+    endpoint = Endpoint(SIMULATION, CHANNELS, bus, me=me)
     try:
         await_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
         return _Test(endpoint, scenario).run(duration, poll, show)

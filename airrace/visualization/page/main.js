@@ -160,4 +160,4 @@ stage.onFrame((wall, dt) => {
 stage.onDrawn = () => film.take(stands);
 
 // For tests, and for those who want to know more.
-window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, player, stage, timeline };
+window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, halo, player, stage, timeline };

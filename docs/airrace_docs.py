@@ -4,7 +4,6 @@ import html
 import json
 import pkgutil
 import re
-
 from pathlib import Path
 
 from docutils import nodes
@@ -136,7 +135,9 @@ def lesson_page(path: Path) -> str:
         else:
             text = re.sub(r"\$([^$]+)\$", r"`\1`", text)  # formulas as they are written
             parts.append(text.replace("](../docs/", "](../"))
-    run = f"This is the notebook `notebooks/{path.name}`: open it with Jupyter to run and change it."
+    run = (
+        f"This is the notebook `notebooks/{path.name}`: open it with Jupyter to run and change it."
+    )
     return "\n\n".join([parts[0], run, *parts[1:]]) + "\n"
 
 
@@ -148,7 +149,7 @@ def example_page(path: Path) -> str:
 
 
 def write_lessons(app) -> None:
-    """Writes a page of every notebook and of every example, below docs/lessons and docs/examples."""
+    """Writes a page of every notebook and every example, in docs/lessons and docs/examples."""
     notebooks = sorted(
         (_ROOT / "notebooks").glob("*.ipynb"), key=lambda path: int(path.name.partition("_")[0])
     )

@@ -175,35 +175,78 @@ def _default_systems() -> list[tuple[str, System]]:
 
 
 def port_meanings(scenario: Scenario) -> dict[str, tuple[float | None, str, str]]:
-    """Returns of every port how often it is new (Hz), its type if no system makes it, and what it is.
-    """
+    """Returns of every port how often it is new (Hz), its type if no system makes it, and what."""
     frames, state = scenario.camera.fps, scenario.state_estimate.rate
     rotors, explorer = scenario.rotors.rate, scenario.explorer.rate
     control, imu = scenario.controller.rate, scenario.imu.rate
     return {
-        "camera_view": (frames, "CameraView", "a picture in grey levels, drawn only where the detector looks"),
-        "camera_image": (frames, "ImageRgba8U", "the whole picture in colour, if a system of yours asks for it"),
-        "camera_grey": (frames, "ImageGrey8U", "the whole picture in grey levels, if a system of yours asks for it"),
+        "camera_view": (
+            frames,
+            "CameraView",
+            "a picture in grey levels, drawn only where the detector looks",
+        ),
+        "camera_image": (
+            frames,
+            "ImageRgba8U",
+            "the whole picture in colour, if a system of yours asks for it",
+        ),
+        "camera_grey": (
+            frames,
+            "ImageGrey8U",
+            "the whole picture in grey levels, if a system of yours asks for it",
+        ),
         "camera_image_time": (frames, "", "when the picture was taken (s)"),
         "camera_info": (None, "CameraInfo", "size, lens and place of the camera; constant"),
-        "detections": (frames, "", "markers in the picture: corners (px), poses in the camera's frame (m)"),
-        "state_estimate": (state, "", "State: time (s), quaternion w x y z of R_WB, p_WB (m), w_WB (rad/s), v_WB (m/s), in W"),
+        "detections": (
+            frames,
+            "",
+            "markers in the picture: corners (px), poses in the camera's frame (m)",
+        ),
+        "state_estimate": (
+            state,
+            "",
+            "State: time (s), quaternion w x y z of R_WB, p_WB (m), w_WB (rad/s), v_WB (m/s), in W",
+        ),
         "filtered_estimate": (control, "", "State, filtered, and predicted to now"),
         "disturbance": (control, "", "acceleration that nothing explains, in W (m/s²)"),
         "rotor_speeds": (rotors, "", "as measured, one a rotor (rad/s)"),
-        "rotor_status": (rotors, "", "RotorStatus: time (s), then commanded and measured speeds (rad/s)"),
-        "rotor_losses": (scenario.rotor_monitor.rate, "", "when each rotor was found lost (s); infinite for those that work"),
-        "imu": (imu, "", "the newest 10 samples: time (s), angular velocity in B (rad/s), specific force in B (m/s²)"),
+        "rotor_status": (
+            rotors,
+            "",
+            "RotorStatus: time (s), then commanded and measured speeds (rad/s)",
+        ),
+        "rotor_losses": (
+            scenario.rotor_monitor.rate,
+            "",
+            "when each rotor was found lost (s); infinite for those that work",
+        ),
+        "imu": (
+            imu,
+            "",
+            "the newest 10 samples: time (s), angular velocity (rad/s) and specific force (m/s²)",
+        ),
         "imu_history": (imu, "", "samples of the last seconds, for `gate_slam`"),
         "imu_silence": (imu, "", "time since the newest sample (s)"),
-        "corrections": (frames, "", "Navigation at a picture's exposure, that the strapdown goes on from"),
+        "corrections": (
+            frames,
+            "",
+            "Navigation at a picture's exposure, that the strapdown goes on from",
+        ),
         "gate_map": (frames, "", "gates and markers found so far, with their uncertainty"),
         "slam_state": (frames, "", "belief of the estimator, for logs"),
         "estimate_fault": (frames, "", "why the estimate cannot be flown by; empty while it can"),
         "estimate_drift": (frames, "", "how far off the estimate may be (m)"),
-        "exploration_reference": (explorer, "", "Reference: p_WB, velocity, acceleration, jerk, snap (m, s, in W), yaw and two derivatives (rad, s)"),
+        "exploration_reference": (
+            explorer,
+            "",
+            "Reference: p_WB and four derivatives (m, s), yaw and two derivatives (rad, s)",
+        ),
         "explorer_status": (explorer, "", "what the search does, and has found"),
-        "lap_plan": (scenario.planner.rate, "", "entry, and lap that is repeated until the next plan; NO_PLAN before the first"),
+        "lap_plan": (
+            scenario.planner.rate,
+            "",
+            "entry, and lap that is repeated until the next plan; NO_PLAN before the first",
+        ),
         "reference": (control, "", "Reference, to be followed now"),
         "rotor_speed_command": (control, "", "one speed a rotor (rad/s), 0 or more"),
         "policy_status": (control, "PolicyStatus", "whether a network flies; only with `policy:`"),

@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 
 from airrace.scenario import Scenario
+from tests.visualization.browser import CHROMIUM, Browser
+from tests.visualization.layout import check_page
 
 ROOT = Path(__file__).parents[2]
 GENERATED = shutil.ignore_patterns("api", "lessons", "examples")
@@ -50,7 +52,7 @@ def build(folder):
     (folder / "airrace").symlink_to(ROOT / "airrace")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q"]
     command += ["-D", "toc_object_entries=0", folder / "docs", folder / "html"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-4000:]
     return folder / "html"
 
@@ -65,6 +67,15 @@ def test_the_pages_are_built_and_show_what_they_should(extension, tmp_path):
     every_field_of_a_scenario_is_there(pages)
     every_link_leads_somewhere(pages)
     lessons_and_examples_are_pages(pages)
+    pages_hold_at_every_width(pages)
+
+
+def pages_hold_at_every_width(pages):
+    if CHROMIUM is not None:
+        with Browser() as browser:
+            names = "index", "own_systems", "benchmarks", "lessons/4_trajectories", "season/league"
+            for name in names:
+                check_page(browser, (pages / f"{name}.html").as_uri())
 
 
 def every_link_leads_somewhere(pages):
@@ -169,7 +180,11 @@ def test_links_to_lessons_and_examples_become_links_to_their_pages(extension):
 
 
 def test_a_notebook_becomes_a_page(extension, tmp_path):
-    cells = [("markdown", "# A $x^2$ and [b](../docs/b.md#c)"), ("code", "x = 1"), ("code", "%time")]
+    cells = [
+        ("markdown", "# A $x^2$ and [b](../docs/b.md#c)"),
+        ("code", "x = 1"),
+        ("code", "%time"),
+    ]
     notebook = {"cells": [dict(cell_type=kind, source=[text]) for kind, text in cells]}
     (tmp_path / "a.ipynb").write_text(json.dumps(notebook))
     parts = extension.lesson_page(tmp_path / "a.ipynb").split("\n\n")

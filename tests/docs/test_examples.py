@@ -164,7 +164,9 @@ def test_links_lead_to_files_and_headings(page):
     for link in _LINK.findall(page.read_text(encoding="utf-8")):
         path, _, heading = link.partition("#")
         if "://" in link:
-            assert re.fullmatch(r"(https|http://localhost|ssh)[:/]\S+", link), f"{page.name}: {link}"
+            assert re.fullmatch(r"(https|http://localhost|ssh)[:/]\S+", link), (
+                f"{page.name}: {link}"
+            )
             continue
         if path in ("api/index.rst", "lessons/index.md", "examples/index.md"):  # written by Sphinx
             continue

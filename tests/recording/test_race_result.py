@@ -135,7 +135,9 @@ def test_before_the_first_observation():
             "plan_solve_times_s": [],
         },
     }
-    assert abs(datetime.fromisoformat(data["wall"]["date"]) - datetime.now(UTC)) < timedelta(hours=1)
+    assert abs(datetime.fromisoformat(data["wall"]["date"]) - datetime.now(UTC)) < timedelta(
+        hours=1
+    )
     assert result.laps_flown == 0 and not result.over
     wall = RaceResult(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
     assert wall["simulation"] == "HITL" and wall["link"] == {}

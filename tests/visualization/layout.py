@@ -1,5 +1,7 @@
 """How pages hold at the widths of a desk, of a small window and of a phone, as a browser measures it."""
 
+import contextlib
+
 WIDTHS = ((1600, 900), (1024, 768), (390, 844))
 THEMES = ("light", "dark")
 # Of the page of a race: pairs of panels that cover one another, what leaves the window, and in how
@@ -45,6 +47,9 @@ _PAGE = """(() => {
 
 def check_panels(browser, width):
     """Asserts that all of the page of a race can be seen; returns the names of its panels."""
+    # What makes room for the bar hears of its height with the next frame.
+    with contextlib.suppress(AssertionError):
+        browser.wait_for(f"{_PANELS}.overlaps.length === 0", patience=5.0)
     found = browser.evaluate(_PANELS)
     assert found["overlaps"] == [] and found["outside"] == [], (width, found)
     assert found["rows"] <= 2, (width, found)

@@ -28,22 +28,25 @@ function columnWidth() {
 export class Cameras extends EventTarget {
   constructor(stage, timeline, config) {
     super();
-    Object.assign(this, { stage, timeline, config, view: OVERVIEW });
+    // held: whether a hand has moved the overview.
+    Object.assign(this, { stage, timeline, config, view: OVERVIEW, held: false });
     // A hand on the picture takes the camera.
-    stage.canvas.addEventListener("pointerdown", () => {
-      if (this.view !== OVERVIEW) this.choose(FREE);
-    });
-    stage.canvas.addEventListener("wheel", () => {
-      if (this.view !== OVERVIEW) this.choose(FREE);
-    }, { passive: true });
+    for (const kind of ["pointerdown", "wheel"]) {
+      stage.canvas.addEventListener(kind, () => this.hold(), { passive: true });
+    }
     window.addEventListener("resize", () => {
       if (this.view === OVERVIEW) this.overview();
     });
     this.overview();
   }
 
+  hold() {
+    this.held = true;
+    if (this.view !== OVERVIEW) this.choose(FREE);
+  }
+
   choose(view) {
-    this.view = view;
+    [this.view, this.held] = [view, false];
     this.stage.viewer.controls.enabled = this.mouse;
     if (view === OVERVIEW) this.overview();
     if (view === FREE) this.free();
@@ -88,7 +91,9 @@ export class Cameras extends EventTarget {
   // Moves the camera to where it belongs at a time.
   update(now, gate) {
     if (!now) return;
-    if (this.view === CHASE) this.stage.look(this.chase(now));
+    // Drake's server says from where it would look, when it likes.
+    if (this.view === OVERVIEW && !this.held) this.overview();
+    else if (this.view === CHASE) this.stage.look(this.chase(now));
     else if (this.view === ONBOARD) this.stage.look(this.onboard(now));
     else if (this.view === GATE) this.stage.look(this.gate(now, gate));
   }

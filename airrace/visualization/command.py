@@ -1,6 +1,7 @@
 """airrace replay: flown races again, in a browser or as a page."""
 
 import os
+import urllib.parse
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -79,4 +80,4 @@ def _links(run: Path, html: Path | None) -> list:
     report = (run if run.is_dir() else run.parent) / "report.html"
     if html is None or not report.exists():
         return []
-    return [("report", os.path.relpath(report, html.parent))]
+    return [("report", urllib.parse.quote(os.path.relpath(report, html.parent)))]

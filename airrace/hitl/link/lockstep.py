@@ -9,6 +9,7 @@ from airrace.common.errors import UserError
 from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD, Endpoint
+from airrace.hitl.link.link_key import UNSIGNED
 from airrace.hitl.link.packets import MALFORMED
 
 if TYPE_CHECKING:
@@ -204,6 +205,11 @@ def _in_vain(endpoint: Endpoint, timeout: float) -> str:
         return (
             f"No {other} answered within {timeout:.0f} s, but something at this --lcm_url sends "
             "heartbeats of another airrace: give both sides the same version."
+        )
+    if UNSIGNED in endpoint.summary()["datagrams"].get("dropped", {}):
+        return (
+            f"No {other} answered within {timeout:.0f} s, but something at this --lcm_url sends "
+            "what is not signed with this --link_key: give both sides the same file."
         )
     return (
         f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "

@@ -7,6 +7,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.hitl.link import partners, phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
+from airrace.hitl.link.link_key import UNSIGNED
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.partners import Partner, first_difference
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
@@ -243,3 +244,10 @@ def test_heartbeats_of_another_airrace(network):
     network.link.send("AIRRACE_HEARTBEAT", b"as another version writes them")
     with pytest.raises(UserError, match="heartbeats of another airrace: give both sides the same"):
         await_peer(simulation, phases.WAITING, timeout=5.0)
+
+
+def test_what_is_not_signed_is_no_cable(network):
+    simulation = network.add(SIMULATION, phases.WAITING, race=RACE)
+    simulation._bus.summary = lambda: {"received": 7, "dropped": {UNSIGNED: 7}}
+    with pytest.raises(UserError, match="not signed with this --link_key: give both sides"):
+        await_peer(simulation, phases.WAITING, timeout=2.0)

@@ -25,7 +25,7 @@ def lines(url: str, environment: Mapping[str, str] = os.environ) -> list[str]:
     ]
 
 
-def _by_ssh(port, environment) -> Iterator[str]:
+def _by_ssh(port: int | None, environment: Mapping[str, str]) -> Iterator[str]:
     if environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"):
         return  # a browser can be opened here
     try:  # from where, its port, to where, its port
@@ -39,7 +39,7 @@ def _by_ssh(port, environment) -> Iterator[str]:
     )
 
 
-def _in_codespaces(port, environment) -> Iterator[str]:
+def _in_codespaces(port: int | None, environment: Mapping[str, str]) -> Iterator[str]:
     name = environment.get("CODESPACE_NAME")
     domain = environment.get("GITHUB_CODESPACES_PORT_FORWARDING_DOMAIN", "app.github.dev")
     if name:
@@ -49,7 +49,7 @@ def _in_codespaces(port, environment) -> Iterator[str]:
         )
 
 
-def _in_jupyter(port, environment) -> Iterator[str]:
+def _in_jupyter(port: int | None, environment: Mapping[str, str]) -> Iterator[str]:
     prefix = environment.get("JUPYTERHUB_SERVICE_PREFIX")
     if prefix:
         yield (

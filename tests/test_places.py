@@ -50,7 +50,7 @@ def run(command, folder, env):
         [str(word) for word in command], cwd=folder, env=env, capture_output=True, text=True
     )
     assert done.returncode == 1, done.stderr[-2000:]  # it did not finish, as it should
-    assert "Results: " in done.stdout
+    assert "Results: " in done.stdout, done.stderr[-2000:]
     return done
 
 
@@ -126,7 +126,17 @@ def test_what_only_linux_has_is_not_needed(copy):
         "del os.fork, os.memfd_create\n"
     )
     env = environment(place, PATH="/nowhere")
-    done = run([*sandbox, "--", sys.executable, *RACE, "out"], place, env)
+    code = (
+        "import sys; from airrace.commands.app import main\n"
+        "from airrace.common.processes import processors, real_time_priority\n"
+        "from airrace.hitl.link.probe import _kernel_setting as setting\n"
+        "from airrace.league.sandbox import why_no_sandbox\n"
+        "assert processors() > 0 and setting('core/rmem_max') == 0 and why_no_sandbox()\n"
+        "with real_time_priority() as had: assert not had\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    race = [sys.executable, "-P", "-c", code, *RACE[3:], "out"]
+    done = run([*sandbox, "--", *race], place, env)
     check_result(place / "out")
     assert "Compiling" not in done.stderr
 

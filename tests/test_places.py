@@ -71,7 +71,7 @@ def check_result(folder):
 def test_folders_of_any_name_and_no_home(copy, name):
     """The package, the working folder and the results are in it."""
     place = copy(name)
-    done = run([sys.executable, *RACE, f"{name} 2"], place, environment(place))
+    done = run([sys.executable, *RACE, f"./{name} 2"], place, environment(place))
     check_result(place / f"{name} 2")
     assert "Compiling" not in done.stderr  # a copy takes its machine code along
 

@@ -548,7 +548,7 @@ def test_replay_that_is_served(browser, tmp_path):
     ) as program:
         try:
             line = next(line for line in program.stdout if line.startswith("Watch it at "))
-            url = line.split()[3].rstrip(";")
+            url = line.split()[3]
             open_page(browser, url)
             look(browser, tmp_path / "replay.png")
             # Whether a browser asks for it, and when, is up to the browser.

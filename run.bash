@@ -4,7 +4,7 @@
 set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
-set_up
+set_up "$running"
 missing=$(missing_packages drake)
 [ -z "$missing" ] || die "Drake needs a system library: $(install_hint "$missing")."
 

@@ -4,7 +4,7 @@
 set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
-set_up
+set_up "$whole"
 missing=$(missing_packages drake rendering sandbox)
 if [ -n "$missing" ]; then
   if [ "$(id -u)" = 0 ] && type -P apt-get >/dev/null; then

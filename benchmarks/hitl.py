@@ -6,6 +6,7 @@ Both sides of HITL in one process and in simulated time, on a link whose delay a
 loss are declared: the same numbers on every machine.
 
     python -m benchmarks.hitl --ticks [--track hexagon] [--laps 1] [--realtime_rate 1]
+        [--link_key FILE]
 
 A race in real time on this computer, in processes as people race: how long each tick of
 the pilot and of the navigator takes, as a histogram. What else runs here counts, too,
@@ -55,6 +56,7 @@ def main(argv=None) -> int:
     parser.add_argument(
         "--realtime_rate", type=float, default=1.0, help="of --ticks (default: %(default)s)"
     )
+    parser.add_argument("--link_key", type=Path, metavar="FILE", help="of --ticks")
     parser.add_argument("--laps", type=harness.count, default=2)
     parser.add_argument("--track", default="student-airrace")
     parser.add_argument("-t", "--trajectory", choices=TRAJECTORIES, default="optimal")
@@ -121,6 +123,7 @@ def time_ticks(args) -> list:
         race = [sys.executable, "-m", "airrace", "race", "-s", "HITL", "--no-meshcat"]
         race += ["--track", args.track, "--laps", args.laps, "-t", args.trajectory]
         race += ["--realtime_rate", args.realtime_rate, "--seed", args.seed, "--output", output]
+        race += ["--link_key", args.link_key] if args.link_key else []
         done = subprocess.run([*map(str, race), "--no-report"], capture_output=True, text=True)
         files = {
             loop: output / "autonomy" / name

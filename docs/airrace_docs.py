@@ -1,8 +1,10 @@
 """A Sphinx extension: a page a module, docstrings as they are written, systems as boxes."""
 
 import html
+import json
 import pkgutil
 import re
+from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -10,6 +12,7 @@ from docutils.parsers.rst import Directive
 import airrace
 
 _SKIPPED = re.compile(r"\.(lcmtypes|__main__)\b")
+_ROOT = Path(airrace.__file__).resolve().parents[1]
 _FILE_LINK = re.compile(r"\[([^\]]*)\]\(\.\./([^)]+)\)")
 # What would be markup, but in our docstrings is a letter of a formula or a file's name.
 _MARKUP = re.compile(r"([*|])|(\w)_(?=\W|$)")
@@ -104,7 +107,8 @@ def link_code(app, name, source) -> None:
     """Makes links of our pages to files of the repository links to what the site has of them.
 
     In the repository ``../airrace/track/rules.py`` is a file; on the site it is a module of
-    the API pages. The text of a link to any other file becomes the file's path.
+    the API pages; lessons and examples are pages, too. The text of a link to any other file becomes
+    the file's path.
     """
     source[0] = _FILE_LINK.sub(_linked, source[0])
 
@@ -114,7 +118,60 @@ def _linked(match) -> str:
     if path.startswith("airrace/") and path.endswith(".py"):
         module = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         return f"{{py:mod}}`{text} <{module}>`"
+    if found := re.fullmatch(r"notebooks/(\w+)\.ipynb|examples/(\w+)\.py", path):
+        lesson, example = found.groups()
+        return f"[{text}](lessons/{lesson}.md)" if lesson else f"[{text}](examples/{example}.md)"
     return f"`{path}`"
+
+
+def lesson_page(path: Path) -> str:
+    """Returns a notebook as Markdown: its text and its code, without what running it shows."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            language = "text" if re.search(r"(?m)^[%!]", text) else "python"  # of IPython
+            parts.append(f"```{language}\n{text}\n```")
+        else:
+            text = re.sub(r"\$([^$]+)\$", r"`\1`", text)  # formulas as they are written
+            parts.append(text.replace("](../docs/", "](../"))
+    run = (
+        f"This is the notebook `notebooks/{path.name}`: open it with Jupyter to run and change it."
+    )
+    return "\n\n".join([parts[0], run, *parts[1:]]) + "\n"
+
+
+def example_page(path: Path) -> str:
+    """Returns a script as a page, headed by the first sentence of its docstring."""
+    text = path.read_text(encoding="utf-8")
+    title = re.match(r'"""(.+?)[:.?\n]', text)[1]
+    return f"# {title}\n\n`examples/{path.name}`\n\n```python\n{text}```\n"
+
+
+def write_lessons(app) -> None:
+    """Writes a page of every notebook and every example, in docs/lessons and docs/examples."""
+    notebooks = sorted(
+        (_ROOT / "notebooks").glob("*.ipynb"), key=lambda path: int(path.name.partition("_")[0])
+    )
+    _write_folder(app.srcdir / "lessons", "Lessons", notebooks, lesson_page)
+    examples = sorted((_ROOT / "examples").glob("*.py"))
+    _write_folder(app.srcdir / "examples", "Examples", examples, example_page)
+
+
+def _write_folder(folder: Path, title: str, sources: list, page) -> None:
+    folder.mkdir(exist_ok=True)
+    names = [source.stem for source in sources]
+    listed = "\n".join(names)
+    pages = dict(zip(names, map(page, sources)))
+    pages["index"] = f"# {title}\n\n```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n"
+    for name, text in pages.items():
+        _write_if_new(folder / f"{name}.md", text)
+
+
+def _write_if_new(page: Path, text: str) -> None:
+    """Writes a page unless it is there as it is: Sphinx reads again what has changed."""
+    if not page.exists() or page.read_text(encoding="utf-8") != text:
+        page.write_text(text, encoding="utf-8")
 
 
 def modules() -> list:
@@ -133,10 +190,7 @@ def write_pages(app) -> None:
         inside = [n for n in names if n.rpartition(".")[0] == package and n not in packages]
         parts = [_title(package, "="), f".. automodule:: {package}\n   :no-members:\n"]
         parts += [_title(n, "-") + f"\n.. automodule:: {n}\n" for n in inside]
-        page = folder / f"{package}.rst"
-        text = "\n".join(parts)
-        if not page.exists() or page.read_text(encoding="utf-8") != text:
-            page.write_text(text, encoding="utf-8")
+        _write_if_new(folder / f"{package}.rst", "\n".join(parts))
     listed = "\n".join(f"   {package}" for package in packages)
     index = f"{_title('API', '=')}\n.. toctree::\n   :maxdepth: 2\n\n{listed}\n"
     (folder / "index.rst").write_text(index, encoding="utf-8")
@@ -153,4 +207,5 @@ def setup(app):
     app.connect("autodoc-process-docstring", plain_docstring, priority=100)
     app.connect("source-read", link_code)
     app.connect("builder-inited", write_pages, priority=100)
+    app.connect("builder-inited", write_lessons, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

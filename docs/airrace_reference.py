@@ -6,6 +6,7 @@ The directive ``airrace-reference`` writes, by its argument:
 - ``presets``: what the camera's presets mean;
 - ``imu_presets``: what the presets of the IMU mean;
 - ``systems``: the systems of the autonomy and their ports;
+- ``ports``: what crosses those ports;
 - ``options COMMAND``: the options of a subcommand of ``airrace``;
 - ``measurement NAME [TITLE]``: the tables of docs/measurements/NAME.json, which
   ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote, or only those whose
@@ -26,6 +27,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from pydrake.systems.framework import PortDataType, System
 from sphinx.util.docutils import SphinxDirective
 
 from airrace.league.page import PAGE, write_page
@@ -151,21 +153,130 @@ def _presets(head: str, presets: dict, config: type, text: Callable[[typing.Any]
 
 def systems() -> str:
     """Returns Markdown with a table of the autonomy's systems and their ports."""
-    from airrace.diagrams.variants import ESTIMATORS
-
     lines = ["| system | inputs | outputs |", "|---|---|---|"]
-    makers = {
-        name: (make, Scenario(estimator=estimator))
-        for estimator, variant in reversed(ESTIMATORS.items())
-        for name, make in variant.systems.items()
-    }
-    for name, (make, scenario) in makers.items():
-        system = make(scenario)
+    for name, system in _default_systems():
         inputs = (system.get_input_port(k) for k in range(system.num_input_ports()))
         outputs = (system.get_output_port(k) for k in range(system.num_output_ports()))
         ports = [", ".join(f"`{port.get_name()}`" for port in each) for each in (inputs, outputs)]
         lines.append(_row(f"`{name}`", *ports))
     return "\n".join(lines)
+
+
+def _default_systems() -> list[tuple[str, System]]:
+    """Returns the autonomy's systems by their names, as scenarios make them by default."""
+    from airrace.diagrams.variants import ESTIMATORS
+
+    makers = {
+        name: (make, Scenario(estimator=estimator))
+        for estimator, variant in reversed(ESTIMATORS.items())
+        for name, make in variant.systems.items()
+    }
+    return [(name, make(scenario)) for name, (make, scenario) in makers.items()]
+
+
+def port_meanings(scenario: Scenario) -> dict[str, tuple[float | None, str, str]]:
+    """Returns of every port how often it is new (Hz), its type if no system makes it, and what."""
+    frames, state = scenario.camera.fps, scenario.state_estimate.rate
+    rotors, explorer = scenario.rotors.rate, scenario.explorer.rate
+    control, imu = scenario.controller.rate, scenario.imu.rate
+    return {
+        "camera_view": (
+            frames,
+            "CameraView",
+            "a picture in grey levels, drawn only where the detector looks",
+        ),
+        "camera_image": (
+            frames,
+            "ImageRgba8U",
+            "the whole picture in colour, if a system of yours asks for it",
+        ),
+        "camera_grey": (
+            frames,
+            "ImageGrey8U",
+            "the whole picture in grey levels, if a system of yours asks for it",
+        ),
+        "camera_image_time": (frames, "", "when the picture was taken (s)"),
+        "camera_info": (None, "CameraInfo", "size, lens and place of the camera; constant"),
+        "detections": (
+            frames,
+            "",
+            "markers in the picture: corners (px), poses in the camera's frame (m)",
+        ),
+        "state_estimate": (
+            state,
+            "",
+            "State: time (s), quaternion w x y z of R_WB, p_WB (m), w_WB (rad/s), v_WB (m/s), in W",
+        ),
+        "filtered_estimate": (control, "", "State, filtered, and predicted to now"),
+        "disturbance": (control, "", "acceleration that nothing explains, in W (m/s²)"),
+        "rotor_speeds": (rotors, "", "as measured, one a rotor (rad/s)"),
+        "rotor_status": (
+            rotors,
+            "",
+            "RotorStatus: time (s), then commanded and measured speeds (rad/s)",
+        ),
+        "rotor_losses": (
+            scenario.rotor_monitor.rate,
+            "",
+            "when each rotor was found lost (s); infinite for those that work",
+        ),
+        "imu": (
+            imu,
+            "",
+            "the newest 10 samples: time (s), angular velocity (rad/s) and specific force (m/s²)",
+        ),
+        "imu_history": (imu, "", "samples of the last seconds, for `gate_slam`"),
+        "imu_silence": (imu, "", "time since the newest sample (s)"),
+        "corrections": (
+            frames,
+            "",
+            "Navigation at a picture's exposure, that the strapdown goes on from",
+        ),
+        "gate_map": (frames, "", "gates and markers found so far, with their uncertainty"),
+        "slam_state": (frames, "", "belief of the estimator, for logs"),
+        "estimate_fault": (frames, "", "why the estimate cannot be flown by; empty while it can"),
+        "estimate_drift": (frames, "", "how far off the estimate may be (m)"),
+        "exploration_reference": (
+            explorer,
+            "",
+            "Reference: p_WB and four derivatives (m, s), yaw and two derivatives (rad, s)",
+        ),
+        "explorer_status": (explorer, "", "what the search does, and has found"),
+        "lap_plan": (
+            scenario.planner.rate,
+            "",
+            "entry, and lap that is repeated until the next plan; NO_PLAN before the first",
+        ),
+        "reference": (control, "", "Reference, to be followed now"),
+        "rotor_speed_command": (control, "", "one speed a rotor (rad/s), 0 or more"),
+        "policy_status": (control, "PolicyStatus", "whether a network flies; only with `policy:`"),
+    }
+
+
+def ports() -> str:
+    """Returns Markdown with a table of all ports of the table of systems: size, rate, meaning."""
+    meanings, kinds = port_meanings(Scenario()), port_kinds()
+    lines = ["| port | type, or numbers | Hz | what |", "|---|---|---|---|"]
+    for name, (rate, given, meaning) in meanings.items():
+        hertz = "" if rate is None else f"{rate:g}"
+        lines.append(_row(f"`{name}`", kinds.get(name) or f"`{given}`", hertz, meaning))
+    return "\n".join(lines)
+
+
+def port_kinds() -> dict[str, str]:
+    """Returns what each port of the autonomy's systems holds; "" where no system makes it."""
+    kinds: dict[str, str] = {}
+    for _, system in _default_systems():
+        inputs = [system.get_input_port(k) for k in range(system.num_input_ports())]
+        outputs = [system.get_output_port(k) for k in range(system.num_output_ports())]
+        for port in (*inputs, *outputs):
+            kind = ""
+            if port.get_data_type() == PortDataType.kVectorValued:
+                kind = str(port.size())
+            elif port in outputs:
+                kind = f"`{type(port.Allocate().get_value()).__name__}`"
+            kinds[port.get_name()] = kinds.get(port.get_name()) or kind
+    return kinds
 
 
 def options(command: str) -> str:
@@ -378,6 +489,7 @@ _MAKERS = {
     "presets": presets,
     "imu_presets": imu_presets,
     "systems": systems,
+    "ports": ports,
     "options": options,
 }
 

@@ -8,6 +8,7 @@ sys.path[:0] = [str(_HERE), str(_HERE.parent)]
 
 project = "airrace"
 author = "airrace developers"
+project_copyright = "2026, airrace developers; BSD-3-Clause"
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",

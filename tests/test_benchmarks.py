@@ -421,3 +421,17 @@ def test_each_harm_of_a_broken_file_is_counted(monkeypatch):
     assert not kept and found.startswith("file: input 0: KeyError: 'x' (test_benchmarks.py:")
     row = row | {"first": None}
     assert robustness.show([row])[1]
+
+
+def test_first_flight_sees_when_each_stage_is_over(monkeypatch):
+    first_flight = importlib.import_module("benchmarks.first_flight")
+    clock = iter(range(10, 100, 10))
+    monkeypatch.setattr(first_flight.time, "perf_counter", lambda: float(next(clock)))
+    lines = ["Compiling", "[  0.0 s] CALIBRATE: power on", "[  0.5 s] TAKE_OFF: x", "CALIBRATE: "]
+    times = first_flight.stages(iter(lines), 5.0)
+    assert times["compiled_s"] == 5.0 and times["take_off_s"] == 15.0
+    assert np.isnan(times["laps_s"])  # it never came
+    rows = [{"way": "clone", "installed_s": 1.0, **times, "take_off_s": first_flight.MOST + 1.0}]
+    assert first_flight.show(rows)[1] is False
+    rows[0]["take_off_s"] = first_flight.MOST
+    assert first_flight.show(rows)[1] is True

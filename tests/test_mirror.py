@@ -42,6 +42,7 @@ evaluation/races_display.py              evaluation/test_command.py
 hitl/channels.py                         hitl/test_imu_channel.py
 hitl/companion/ssh.py                    hitl/companion/test_ssh_errors.py
 hitl/lcm_bridge.py                       hitl/test_imu_channel.py
+hitl/link/bus.py                         hitl/link/test_udp_bus.py
 hitl/link/codec.py                       hitl/link/test_image_messages.py
 hitl/link/message_socket.py              hitl/link/test_socket_bus.py
 hitl/link/packets.py                     hitl/link/test_endpoint.py
@@ -53,7 +54,6 @@ hitl/lockstep_autonomy.py                hitl/test_hitl_race.py
 hitl/navigator.py                        hitl/test_pilot.py
 hitl/navigator_process.py                hitl/test_hitl_race.py
 hitl/playback.py                         diagrams/test_warm_up.py
-hitl/remote_autonomy.py                  hitl/test_hitl_race.py
 league/check.py                          league/test_entry_race.py
 league/display.py                        league/test_command.py
 league/league_json.py                      league/test_folder_check.py

@@ -1,13 +1,17 @@
 """Files beside the code that tools and people read: they parse, and agree with the code."""
 
+import json
+import os
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 import airrace
+from airrace.visualization import loopback_server
 
 ROOT = Path(__file__).parents[1]
 
@@ -39,9 +43,85 @@ def test_citation_has_what_its_format_wants():
     assert citation["license"] == project["license"]
 
 
-def test_the_workflow_runs_the_tests():
-    (job,) = load(".github/workflows/test.yml")["jobs"].values()
-    assert job["steps"][-1]["run"].startswith("./test.bash ")
+WORKFLOWS = ["test.yml", "release.yml"]
+
+
+def jobs(workflow):
+    return load(f".github/workflows/{workflow}")["jobs"]
+
+
+def commands(job):
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_the_workflow_runs_the_tests_on_every_system():
+    tests = jobs("test.yml")
+    assert commands(tests["test"])[-1].startswith("./test.bash ")
+    for name in ("macos", "wsl2"):
+        race, quick = commands(tests[name])[-2:]
+        assert "./run.bash --track" in race and './test.bash -m "not slow' in quick
+    build, race = commands(tests["container"])
+    assert "--file Containerfile" in build and "--network none --read-only" in race
+
+
+@pytest.mark.parametrize("workflow", WORKFLOWS)
+def test_actions_have_a_version_and_jobs_an_end(workflow):
+    for job in jobs(workflow).values():
+        assert job["timeout-minutes"] <= 60
+        for action in (step["uses"] for step in job["steps"] if "uses" in step):
+            assert re.fullmatch(r"[\w-]+/[\w-]+@(v\d+|release/v\d+)", action), action
+    assert load(f".github/workflows/{workflow}")["permissions"] == {"contents": "read"}
+
+
+def test_a_release_is_checked_tried_and_attested_before_it_is_published():
+    release = jobs("release.yml")
+    assert release["race"]["needs"] == "build" and release["publish"]["needs"] == "race"
+    assert any("twine check --strict" in command for command in commands(release["build"]))
+    # Nothing of the checkout is there to be used instead of the wheel's own.
+    race = [step.get("uses", "") for step in release["race"]["steps"]]
+    assert not any(action.startswith("actions/checkout") for action in race)
+    assert any(command.startswith("airrace race ") for command in commands(release["race"]))
+    uses = [step["uses"] for step in release["publish"]["steps"] if "uses" in step]
+    attests, publishes = (
+        next(i for i, action in enumerate(uses) if name in action)
+        for name in ("attest-build-provenance", "gh-action-pypi-publish")
+    )
+    assert attests < publishes
+    # Trusted publishing: no secret but what the run itself is given.
+    text = (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
+    assert release["publish"]["permissions"]["id-token"] == "write" and "secrets." not in text
+
+
+def test_the_image_is_made_of_what_is_here_and_races_without_root():
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8").replace("\\\n", " ")
+    steps = [line.split() for line in text.splitlines() if line and not line.startswith("#")]
+    sent = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert [words[1].endswith("-slim") for words in steps if words[0] == "FROM"] == [True, True]
+    for words in steps:
+        if words[0] == "COPY" and not words[1].startswith("--from"):
+            for name in words[1:-1]:
+                assert (ROOT / name).exists() and f"!{name}" in sent
+    assert [words for words in steps if words[0] == "USER"] == [["USER", "1000:1000"]]
+    assert not [words for words in steps if words[0] == "ADD"]
+    assert os.access(ROOT / "tools/in_container.sh", os.X_OK)
+
+
+def test_what_is_developed_in_a_container_is_set_up_by_our_own_script():
+    container = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text(encoding="utf-8"))
+    assert container["updateContentCommand"].startswith("./test.bash")
+    assert container["forwardPorts"] == [loopback_server._PORTS[0]]
+
+
+def test_every_extra_is_in_the_table_of_the_documentation():
+    """With no other packages than pip would install."""
+    text = (ROOT / "docs/install.md").read_text(encoding="utf-8")
+    table = text.partition("| extra |")[2].partition("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in table]
+    named = {name.strip("`"): set(re.findall(r"`([\w.-]+)`", last)) for name, *_, last in cells}
+    extras = load_pyproject()["project"]["optional-dependencies"]
+    packages = {name: {Requirement(text).name for text in texts} for name, texts in extras.items()}
+    packages["dev"] = named.get("dev")  # two dozens, which nobody reads
+    assert named == packages
 
 
 def test_hooks_before_a_commit_need_no_network():

@@ -1,5 +1,6 @@
 """An airrace that is installed has all that one in a checkout has, and can be put on an index."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -59,6 +60,43 @@ def test_wheel_has_all_that_a_race_needs(wheel):
     names = set(wheel.namelist())
     assert files(*SOURCES, "airrace/py.typed") <= names
     assert {f"airrace/{name}" for name in files("models/**/*")} <= names
+
+
+def test_it_races_without_a_checkout(built, wheel, tmp_path):
+    """With the models, the machine code and the page of its own, and the command that pip makes."""
+    place = tmp_path / "site-packages"
+    wheel.extractall(place)
+    (entry,) = (
+        line.partition("=")[2].strip()
+        for name in wheel.namelist()
+        if name.endswith("entry_points.txt")
+        for line in wheel.read(name).decode().splitlines()
+        if line.startswith("airrace ")
+    )
+    module, function = entry.split(":")
+    # What is compiled in the checkout is of the same sources.
+    for folder in (ROOT / "airrace" / "__pycache__").glob("machine_code-*"):
+        shutil.copytree(folder, place / "airrace" / "__pycache__" / folder.name)
+    code = f"import sys, {module} as m, airrace; print(airrace.__file__); sys.exit(m.{function}())"
+    options = [
+        "--scenario_text",
+        "{referee: {time_limit: 1.0}}",
+        "--linger",
+        "0",
+        "--output",
+        "out",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code, "race", *options],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(place)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1, done.stderr  # it runs out of time on its pad
+    assert done.stdout.splitlines()[0] == str(place / "airrace" / "__init__.py")
+    left = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"race.json", "race.html", "race.mcap", "report.html"} <= left
 
 
 def test_an_editable_install_uses_the_checkout(built, tmp_path):

@@ -207,7 +207,7 @@ exec 9>"$folder/lock"
 flock -n 9 || die "another run uses $folder: wait for its end, or name another --folder."
 trap clean_up EXIT
 trap 'exit 1' INT TERM
-set_up
+set_up "$whole"
 register_qemu
 make_root
 find_places

@@ -17,6 +17,17 @@ from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import load_scenario
 
+# What makes it follow whether the reader's screen is light or dark; Graphviz knows no themes.
+STYLE = """<style>
+.cluster > polygon { fill: none }
+@media (prefers-color-scheme: dark) {
+  .graph > polygon { fill: #14181d }
+  text { fill: #e6e6e6 }
+  polygon[stroke="black"] { stroke: #8b949e }
+  polygon[fill="#eef2f7"] { fill: #2a323d }
+  .edge { filter: brightness(1.7) }
+}
+</style>"""
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "diagram.svg"
 COLORS = ("#c0392b", "#2471a3", "#1e8449", "#b9770e", "#7d3c98", "#117a65", "#5d6d7e")
 
@@ -84,6 +95,12 @@ def dot(diagrams: list[Diagram]) -> str:
     return "\n".join([*lines, "}"])
 
 
+def themed(svg: str) -> str:
+    """Returns Graphviz's picture with STYLE in it."""
+    head, end, rest = svg.partition("<g id=")
+    return f"{head}{STYLE}\n{end}{rest}"
+
+
 def run(args) -> int:
     """Draws; returns the exit code."""
     scenario = load_scenario()
@@ -92,9 +109,12 @@ def run(args) -> int:
         args.output.write_text(text, encoding="utf-8")
         return 0
     try:
-        subprocess.run(["dot", "-Tsvg", "-o", args.output], input=text, text=True, check=True)
+        drawn = subprocess.run(
+            ["dot", "-Tsvg"], input=text, text=True, check=True, stdout=subprocess.PIPE
+        ).stdout
     except FileNotFoundError:
         raise UserError("Graphviz is missing: apt-get install graphviz, or the like.") from None
+    args.output.write_text(themed(drawn), encoding="utf-8")
     return 0
 
 

@@ -1,9 +1,10 @@
-# Sourced by run.bash and test.bash: makes .venv in the checkout and installs
-# requirements.lock into it, unless that has been done already.
+# Sourced by run.bash and test.bash: makes .venv in the checkout and installs a
+# lock into it, unless that has been done already.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv=$root/.venv
-lock=$root/requirements.lock
+whole=$root/requirements.lock        # what developing takes; the next is a part of it
+running=$root/requirements-run.lock  # what a race takes
 # A copy of the lock that .venv was made from. It is written last, so a set-up
 # that was interrupted leaves none and is done again.
 stamp=$venv/requirements.lock
@@ -71,28 +72,50 @@ sys.exit(importlib.util.find_spec("pydrake") is None)
 ' >/dev/null 2>&1
 }
 
+# Was .venv made from the lock, or from one that has all that is in it?
 venv_is_current() {
-  [ -f "$stamp" ] && [ "$(<"$lock")" = "$(<"$stamp")" ] && venv_works
+  local enough
+  for enough in "$lock" "$whole"; do
+    if [ -f "$stamp" ] && [ "$(<"$enough")" = "$(<"$stamp")" ]; then venv_works; return; fi
+  done
+  return 1
 }
 
 # uv takes seconds for what takes pip a minute or two. It is installed into .venv; to pip is left
 # what uv can't do: reach an index that only pip knows of, say.
 install_with_uv() {
-  pip_install "$root/requirements-uv.lock" &&
-    "$venv/bin/uv" pip install --quiet --no-progress --python "$venv/bin/python" \
-      --only-binary :all: --require-hashes --requirement "$lock"
+  pip_install "$root/requirements-uv.lock" || return
+  "$venv/bin/uv" pip install --quiet --no-progress --python "$venv/bin/python" \
+    --only-binary :all: --require-hashes --requirement "$lock"
 }
 
-install_with_pip() { pip_install "$lock"; }
-
+# Without a network, pip would try for a minute before it says so.
 pip_install() {
-  "$venv/bin/python" -I -m pip install --quiet --no-input --disable-pip-version-check \
+  "$venv/bin/python" -I -m pip install --quiet --no-input --disable-pip-version-check --retries 1 \
     --only-binary :all: --require-hashes --requirement "$1"
+}
+
+install_packages_of_lock() {
+  local output
+  if output=$(install_with_uv 2>&1); then return; fi
+  say "uv cannot install them, so that pip does, which takes a minute or two..."
+  output=$(pip_install "$lock" 2>&1) || {
+    printf '%s\n' "$output" >&2
+    die "installing ${lock##*/} failed (see above): check the network and the disk," \
+      "and that $(needed_system), and run again."
+  }
+}
+
+needed_system() {
+  case $OSTYPE in
+    darwin*) echo "this is macOS 26 or newer on Apple silicon" ;;
+    *) echo "this is 64-bit Linux with glibc 2.34 or newer (Ubuntu 22.04, Debian 12)" ;;
+  esac
 }
 
 install_lock() {
   if venv_works; then
-    say "requirements.lock has changed: updating .venv..."
+    say "${lock##*/} asks for more, or for other versions: updating .venv..."
     rm -f "$stamp"
   else
     rm -f "$stamp"
@@ -102,13 +125,7 @@ install_lock() {
       "(see above): check that the disk is writable and not full, and run again."
   fi
 
-  local output
-  output=$({ install_with_uv || install_with_pip; } 2>&1) || {
-    printf '%s\n' "$output" >&2
-    die "installing requirements.lock failed (see above): check the network" \
-      "and the disk, and that this is 64-bit Linux with glibc 2.34 or newer" \
-      "(Ubuntu 22.04, Debian 12) or macOS 26 on Apple silicon, and run again."
-  }
+  install_packages_of_lock
 
   # Put the checkout on the interpreter's path: `import airrace` works from any
   # directory, edits take effect at once, and nothing has to be built. The line
@@ -127,8 +144,19 @@ refuse_copy() {
     "'.venv/bin/python -m pip install -e .[notebooks]'."
 }
 
+# Drake has no wheels for Windows.
+refuse_windows() {
+  case $OSTYPE in
+    msys* | cygwin*) die "airrace does not run on Windows itself: run it in WSL2, see" \
+      "https://learn.microsoft.com/windows/wsl/install." ;;
+  esac
+}
+
 # Makes .venv ready for use.
+# Args: the lock to be installed, unless one is that has more.
 set_up() {
+  lock=$1
+  refuse_windows
   refuse_copy
   if venv_is_current; then return; fi
   [ -w "$root" ] || die "$root has to be set up and you may not write there:" \
@@ -143,7 +171,7 @@ set_up() {
       install_lock
       say "ready."
     fi
-  } 9<>"$lock"
+  } 9<>"$whole"
 }
 
 # missing_packages USE...: prints, on one line, the Debian packages that this

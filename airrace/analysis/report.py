@@ -11,8 +11,8 @@ from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
-from airrace.recording.race_json import RaceJson
-from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
+from airrace.recording.race_json import RaceJson, WallJson
+from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import trajectory_name
 
 FILE = "report.html"
@@ -32,6 +32,8 @@ def make_report(run: Run) -> str:
     return page_template("airrace.analysis", FILE).render(
         run=run,
         result=result,
+        when=_when(result["wall"]),
+        own_systems=own_systems_words(result.get("systems", {})),
         trajectory=trajectory_name(result["trajectory"]),
         summary=_summary(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
@@ -42,6 +44,13 @@ def make_report(run: Run) -> str:
         pictures=_pictures(run),
         gate_pictures=gate_pictures(run),
     )
+
+
+def _when(wall: WallJson) -> str:
+    """Returns when a race was flown, and with which airrace, as far as race.json says so."""
+    date = wall.get("date", "")[:16].replace("T", " ")
+    version = f"airrace {wall['version']}" if "version" in wall else ""
+    return ", ".join(filter(None, (date and f"{date} UTC", version)))
 
 
 def _is_comparable(result: RaceJson) -> bool:

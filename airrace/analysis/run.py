@@ -72,7 +72,8 @@ class Run:
         tables: all tables by name.
         recorded: whether there is a race.mcap; else most tables are empty.
         complete: whether it was closed; else its race was killed, or still goes on.
-        damage: a sentence on what of race.mcap is damaged, None if nothing is.
+        damage: a sentence on what of race.mcap is damaged, or that it is missing; None if nothing
+            is.
     """
 
     result: RaceJson
@@ -108,11 +109,16 @@ class Run:
         else:
             self.vehicle = load_vehicle(self.scenario.drone)[0]
         self.complete = self.recorded and is_complete(log)
-        self.damage = log_damage(log) if self.recorded else None
+        self.damage = log_damage(log) if self.recorded else self._missing(log)
         if self.damage is not None:
             print(f"airrace: {self.damage}", file=sys.stderr)
         signals = read_signals(log if self.recorded else None, without)
         self.tables = derive(signals, self.result, self.track)
+
+    def _missing(self, log: Path) -> str | None:
+        if self.scenario.recording.content == "none":
+            return None
+        return f"{log} is missing: of this race, only what race.json says is left."
 
     def __getattr__(self, name: str) -> "pd.DataFrame":
         tables = self.__dict__.get("tables", {})

@@ -17,7 +17,7 @@ from airrace.scenario import TRUTH
 _FREE = 1.0  # GB, for results; ten laps take 22 MB
 _WRITTEN = 0.2  # GB, less and a race may not fit
 _CORES = 2  # two processes share the work in HITL
-_PACKAGES = ("pydrake", "cv2", "numba", "scipy", "pandas", "lcm", "distributed", "foxglove")
+_PACKAGES = ("pydrake", "cv2", "numba", "scipy", "pandas", "distributed", "foxglove")
 
 
 def check_computer() -> list[Row]:

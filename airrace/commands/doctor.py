@@ -1,5 +1,6 @@
 """airrace doctor: what this computer, or the link to an autonomy, lacks for a race."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
@@ -7,8 +8,7 @@ from cyclopts import App, Parameter
 from airrace.scenario.options import ScenarioOptions
 
 if TYPE_CHECKING:
-    import lcm
-
+    from airrace.hitl.link.udp_bus import UdpBus
     from airrace.scenario import Scenario
 
 EPILOG = """\
@@ -31,6 +31,7 @@ def doctor(
     board: Annotated[bool, Parameter(negative=())] = False,
     link: Annotated[bool, Parameter(negative=())] = False,
     lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
+    link_key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     duration: Annotated[float, Parameter(metavar="S")] = 10.0,
     patience: Annotated[float, Parameter(metavar="S")] = 60.0,
     options: ScenarioOptions = ScenarioOptions(),
@@ -42,6 +43,7 @@ def doctor(
             for it in real time, or which --realtime_rate is slow enough
         link: measure the link to an autonomy that waits at the other end, too
         lcm_url: of LCM, with --link (default: udpm://239.255.76.67:7667?ttl=0)
+        link_key: of the autonomy, with --link (default: none)
         duration: how long to measure the link, and to fly (default: 10 s)
         patience: how long to wait for the autonomy (default: 60 s)
     """
@@ -49,12 +51,13 @@ def doctor(
 
     from airrace.commands.computer_checks import check_computer
     from airrace.common.errors import UserError
-    from airrace.hitl.command import checked_scenario, scenario_and_bus
+    from airrace.hitl.command import checked_scenario, key_of, scenario_and_bus
     from airrace.hitl.link.doctor import BAD, make_table
 
-    if lcm_url is not None and not link:
-        raise UserError("--lcm_url is for the link: add --link.")
-    ends = scenario_and_bus(options, lcm_url) if link else None
+    for name, value in (("lcm_url", lcm_url), ("link_key", link_key)):
+        if value is not None and not link:
+            raise UserError(f"--{name} is for the link: add --link.")
+    ends = scenario_and_bus(options, lcm_url, key_of(link_key)) if link else None
     scenario = ends[0] if ends else checked_scenario(options)
     rows = check_computer()
     Console().print(make_table(rows, "This computer"))
@@ -78,7 +81,6 @@ def measure_board(scenario: "Scenario", duration: float) -> bool:
     """
     import contextlib
     import tempfile
-    from pathlib import Path
 
     from rich.console import Console
 
@@ -101,12 +103,12 @@ def measure_board(scenario: "Scenario", duration: float) -> bool:
     return budget.spare() > 0.0
 
 
-def measure_link(scenario: "Scenario", bus: "lcm.LCM", duration: float, patience: float) -> bool:
+def measure_link(scenario: "Scenario", bus: "UdpBus", duration: float, patience: float) -> bool:
     """Measures the link and prints what it finds; returns whether a race can start.
 
     Args:
         scenario: which says what a race would send.
-        bus: LCM, open.
+        bus: to the autonomy.
         duration, patience: of the measurement, and to wait for the other side (s).
 
     Raises:

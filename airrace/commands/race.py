@@ -54,7 +54,7 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
         raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "HITL":
         return fly_hitl(options, quiet)
-    for name in ("companion", "identity", "wheels", "lcm_url", "lockstep"):
+    for name in ("companion", "identity", "wheels", "lcm_url", "link_key", "lockstep"):
         if getattr(options, name):
             raise UserError(f"--{name} is for hardware in the loop: add -s HITL.")
     return fly(options, quiet)

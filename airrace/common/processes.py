@@ -2,11 +2,14 @@
 
 import contextlib
 import os
+import signal
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 _LOOK = 0.3  # s, between two looks at the parent
+_FAREWELL = 5.0  # s, that it has to stop
 
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
@@ -50,6 +53,35 @@ def _quotas() -> Iterator[float]:
             with contextlib.suppress(OSError, ValueError):  # the root has none, nor has "max"
                 quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
                 yield int(quota) / int(period)
+
+
+def stopped_with(parent: int) -> None:
+    """Has this process told to stop, by SIGTERM, when its parent ends; see bound_to().
+
+    It is told once more after a while: the second time it obeys, see interrupt_flag().
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK)
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(_FAREWELL)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def ending(code: int) -> str:
+    """Returns what became of a process, from its exit code as subprocess has it, in words."""
+    return f"was killed: {signal_name(-code)}" if code < 0 else f"ended with exit code {code}"
+
+
+def signal_name(number: int) -> str:
+    """Returns what a signal is called, such as ``SIGTERM``."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 @contextlib.contextmanager

@@ -110,6 +110,12 @@ def _misfit(schema, document, child_name):
     return _value_misfit("", schema, document)
 
 
+def _item_name(name: str, schema: object, number: int) -> str:
+    """Returns what to call an item of a list, counted as people do: "gate 2" of "gates"."""
+    of_words = schema in WORDS
+    return f"{name}, number {number}," if of_words else f"{name.removesuffix('s')} {number}"
+
+
 def _value_misfit(name, schema, value):
     if schema in WORDS:
         fits = _fits(schema, value)
@@ -119,14 +125,14 @@ def _value_misfit(name, schema, value):
         return None if value is None else _value_misfit(name, args[0], value)
     if len(args) == 1:  # a list
         if not isinstance(value, list):
-            return f"{name} must be a list, not {reprlib.repr(value)}"
-        items = ((f"{name}[{i}]", args[0], item) for i, item in enumerate(value))
+            return f"{name} must be a list in brackets [ ], not {reprlib.repr(value)}"
+        items = ((_item_name(name, args[0], k), args[0], item) for k, item in enumerate(value, 1))
     elif not isinstance(value, dict):
         return f"{name or 'it'} must be a mapping from names to values, not {reprlib.repr(value)}"
     elif args:  # a dictionary
         items = ((f"{name}.{key}", args[1], item) for key, item in value.items())
     else:
-        prefix = f"{name}." if name else ""
+        prefix = f"{name}." if name and not name[-1].isdigit() else f"{name}: " if name else ""
         types = _field_types(schema)
         unknown = [key for key in value if key not in types]
         if unknown:

@@ -142,6 +142,7 @@ def fly(
     from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
+    from airrace.visualization import reach
     from airrace.visualization.live_page import LivePage
     from airrace.visualization.terminal import RaceDisplay
 
@@ -164,7 +165,7 @@ def fly(
         foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
-            addresses = [f"Watch it at {page.url}"] if page else []
+            addresses = reach.lines(page.url) if page else []
             addresses += [f"Foxglove finds it at {foxglove.url}"] if foxglove else []
             console = Console(quiet=True) if quiet else None
             display = RaceDisplay(scenario, track, addresses, console)

@@ -1,5 +1,6 @@
 """Hands races to the workers of a Dask cluster, and gets their rows back."""
 
+import asyncio
 import contextlib
 import functools
 import logging
@@ -7,11 +8,12 @@ import pickle
 import re
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any, Protocol
 
 import dask
-from distributed import Client, Future, LocalCluster, as_completed
+from distributed import Client, Future, LocalCluster, Security, as_completed
+from distributed.comm import connect
 
 from airrace.common.errors import UserError, words
 from airrace.common.interrupts import interrupts_held
@@ -35,6 +37,7 @@ _LOCAL = {
     "distributed.admin.system-monitor.interval": "10s",
 }
 _CONNECT_TIMEOUT = 10  # s
+_GREETING_TIMEOUT = 15  # s, with connecting
 _WORKERS_TIMEOUT = 20  # s
 _STOP_TIMEOUT = 5  # s
 
@@ -69,14 +72,16 @@ def local_cluster(workers: int) -> Iterator[Client]:
 def running_cluster(address: str) -> Iterator[Client]:
     """Connects to a scheduler, and yields a client.
 
-    Raises UserError if it cannot be reached or has no workers.
+    Raises UserError if it cannot be reached, is no scheduler, or has no workers.
     """
     if not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d{1,5}", address):
         raise UserError(f"--scheduler must be tcp://HOST:PORT, not '{address}'.")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # said by the errors
     try:
+        with ThreadPoolExecutor(1) as thread:  # here, in a notebook, a loop may be running
+            thread.submit(asyncio.run, _greet(address)).result()
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as e:
+    except (OSError, TypeError, ValueError) as e:
         raise UserError(
             f"--scheduler {address} cannot be reached ({words(e)}); start one with "
             "'dask scheduler' and give its address as tcp://HOST:PORT."
@@ -90,6 +95,27 @@ def running_cluster(address: str) -> Iterator[Client]:
                 f"'dask worker {address} --nthreads 1'."
             ) from None
         yield client
+
+
+async def _greet(address: str) -> None:
+    """Raises UserError if what listens at an address is no scheduler, OSError if nothing does.
+
+    TypeError without the keys that tls:// takes.
+
+    A Client has no limit for this: it would wait for an answer without an end.
+    """
+    security = Security().get_connection_args("client")
+    greeting = connect(address, timeout=_CONNECT_TIMEOUT, **security)
+    try:
+        comm = await asyncio.wait_for(greeting, _GREETING_TIMEOUT)
+    except Exception as e:  # whatever reading another program's answer as Dask's may raise
+        if isinstance(e, (OSError, TypeError)) and not isinstance(e, TimeoutError):
+            raise
+        raise UserError(
+            f"--scheduler {address}: something listens there, but it does not answer as a Dask "
+            "scheduler; start one with 'dask scheduler', and give the address that it says."
+        ) from None
+    await comm.close()
 
 
 def fly_missing(

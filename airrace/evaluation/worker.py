@@ -10,7 +10,6 @@ import contextlib
 import dataclasses as dc
 import json
 import os
-import signal
 import subprocess
 import tempfile
 import threading
@@ -18,7 +17,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from airrace.common.processes import ONE_THREAD
+from airrace.common.processes import ONE_THREAD, signal_name
 from airrace.common.python_path import module_command, own_systems_folder
 from airrace.common.words import printable
 from airrace.evaluation.versions import mismatch, versions
@@ -156,12 +155,12 @@ def ended_race(
             raise RaceRefused(stderr.removeprefix("airrace: ") or "no reason given")
         result = read_json(folder / RESULTS / "race.json") or dict(NO_RESULT)
         wall, reason = result.pop("wall", None), result["dnf_reason"]
-        signal_name = _signal_name(-code) if code < 0 else None
-        if reason == "interrupted" or signal_name in _KILLS:
-            raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
+        killed_by = signal_name(-code) if code < 0 else None
+        if reason == "interrupted" or killed_by in _KILLS:
+            raise RaceKilled(f"its process was killed ({killed_by or 'SIGTERM'})")
         error = None
-        if signal_name:
-            error = f"crashed ({signal_name})"
+        if killed_by:
+            error = f"crashed ({killed_by})"
         elif code not in ends or (reason in _NO_REASONS and not result["finished"]):
             # Python says in the last line what the error was.
             last_line = printable((stderr.splitlines() or ["nothing was said"])[-1].strip())
@@ -215,10 +214,3 @@ def run_process(module: str, folder: Path, evaluation: str, place: str = "/") ->
             process.communicate()
             with _lock:
                 _running[evaluation].discard(process)
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"

@@ -2,40 +2,45 @@
 
 import contextlib
 import gc
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airrace.common.errors import words
+from airrace.common.files import write_json
 from airrace.common.patience import patient
-from airrace.common.processes import real_time_priority
+from airrace.common.processes import ending, real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.budget import Budget, prepare_halves
+from airrace.hitl.checkpoint import race_of
 from airrace.hitl.handover import Ended
 from airrace.hitl.lcm_bridge import MakeLockstepSide
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
 from airrace.hitl.navigator_process import NavigatorProcess
 from airrace.hitl.pilot import Pilot, make_halves
 from airrace.hitl.remote_autonomy import LOCKSTEP
+from airrace.hitl.shared_settings import shared_settings
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.scenario import Scenario
 
 NAVIGATOR_ENDED = 4  # exit code; the others are lockstep_autonomy's
-PILOT_TICKS = "pilot_ticks.json"
+PILOT_TICKS, PILOT_LINK = "pilot_ticks.json", "pilot_link.json"
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
 _TIDY = 1.0  # s from one look for garbage to the next
 _LAST_HEARTBEATS = 5
+_TOLD = "it was told to stop"
 _TRIAL, _BRIEFEST = 1.5, 0.1  # s of made-up messages, by which it says whether it is fast enough
 
 
@@ -48,41 +53,56 @@ class AutonomyProcess:
     def __init__(
         self,
         scenario: "Scenario",
-        bus: "lcm.LCM | SimulatedBus",
+        bus: "Bus",
         output_dir: Path,
         log: Callable[[str], object] = print,
         stop: Callable[[], bool] = lambda: False,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        resume: Path | None = None,
+        url: str = "",
     ):
         """Constructs it; it listens from now on.
 
-        Args: bus: from open_lcm(). stop: asked now and then; whether to end. clock: of the Endpoint
-        (s).
+        Args: bus: to the simulation. stop: asked now and then; whether to end. clock: of the
+        Endpoint (s). resume: folder with the checkpoint of an autonomy that has ended, to go on
+        with. url: of the bus.
 
-        Raises UserError if the variable of patient() is no number.
+        Raises UserError if there is no such checkpoint, or the variable of patient() is no number.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
         self._halves = make_halves(scenario)
         self.channels = self._halves.channels(scenario)
-        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
+        me = Partner(shared=shared_settings(scenario, self.channels), url=url)
+        if resume is not None:
+            me.race, me.resumes = race_of(resume), True
+        self._resume = resume
+        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock, me=me)
         self._responder = Responder(self._endpoint)
         self._navigator: NavigatorProcess | None = None
         self._budget: Budget | None = None
         self._patience = patient(_PATIENCE)
         self._said = float("-inf")  # when the log was last told that it compiles, s
 
-    def prepare(self, lcm_url: str, briefly: bool = False) -> None:
+    def prepare(self, lcm_url: str, key: bytes | None = None) -> None:
         """Starts the navigator; pilot and navigator compile what they run, each its own.
 
-        Args: briefly: see warm_up_pilot().
+        Args: lcm_url, key: see UdpBus.
 
         Raises UserError if the navigator cannot begin.
         """
+        briefly = self._resume is not None  # see warm_up_pilot()
         scenario, duration = self._scenario, _BRIEFEST if briefly else _TRIAL
-        session, poll = self._endpoint.session, self._endpoint.drain
+        session, poll = self._endpoint.session, self._poll
         self._navigator = NavigatorProcess(
-            scenario, lcm_url, self._output_dir, session=session, briefly=briefly, duration=duration
+            scenario,
+            lcm_url,
+            self._output_dir,
+            key=key,
+            session=session,
+            briefly=briefly,
+            duration=duration,
         )
         self._budget = prepare_halves(
             scenario, self._navigator, duration, briefly, self.show_compiling, poll
@@ -93,29 +113,39 @@ class AutonomyProcess:
         if self._navigator is not None:
             self._navigator.close()
 
-    def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
+    def run(self, patience: float = 60.0) -> int:
         """Waits for a simulation, at most some time (s), and races; returns the exit code.
 
-        Args: resume: folder with the checkpoint of an autonomy that has ended, to go on with.
-
-        Raises UserError if there is none, or nothing to resume.
+        Raises UserError if there is none, or it does not fit.
         """
-        expected = phases.RACING if resume else phases.READY
+        try:
+            return self._run(patience)
+        except Exception as e:
+            self._say_last(f"it was stopped by an error: {words(e)}")
+            raise
+
+    def _run(self, patience: float) -> int:
+        expected = phases.RACING if self._resume else phases.READY
         await_peer(
             self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
         )
-        mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
-        if mode == LOCKSTEP:
+        met = self._endpoint.peer_heartbeat.value
+        self._endpoint.join(met.race)
+        if met.mode == LOCKSTEP:
             self.close()
             autonomy = MakeAutonomy(self._scenario)
             side = MakeLockstepSide(
                 self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
             )
-            return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            code = race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+            self._save_counts()
+            if code == STOPPED:
+                self._say_last(_TOLD)
+            return code
         assert self._navigator is not None and self._budget is not None  # of prepare()
-        self._endpoint.clock.rate = float(rate or 1.0)
+        self._endpoint.clock.rate = met.rate if 0.0 < met.rate < math.inf else 1.0
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
-        return self._race(self._navigator, resume)
+        return self._race(self._navigator)
 
     def show_compiling(self, count: int) -> None:
         """Tells the simulation, and now and then whoever reads the log, how many are compiled."""
@@ -126,16 +156,21 @@ class AutonomyProcess:
             self._said = now
             self._log(f"airrace: compiling, once; {count} functions are done")
 
+    def _save_counts(self):
+        """Writes counts of what came over the link."""
+        write_json(self._output_dir / PILOT_LINK, self._endpoint.summary())
+
     def _poll(self):
+        self._endpoint.drain()
         self._responder.respond()
         if self._stop():
             raise KeyboardInterrupt
 
-    def _race(self, navigator: NavigatorProcess, resume: Path | None) -> int:
+    def _race(self, navigator: NavigatorProcess) -> int:
         pilot = Pilot(self._scenario, self._halves, self._endpoint, navigator.handover)
         while not pilot.is_ready():
-            self._wait_and_poll(phases.WAITING)
-            pilot.prepare(resume)
+            self._wait_and_poll(phases.WAITING, pilot.waits_for)
+            pilot.prepare(self._resume)
             if self._has_lost(navigator):
                 return NAVIGATOR_ENDED
             if self._endpoint.silence > self._patience:
@@ -153,7 +188,7 @@ class AutonomyProcess:
         """Flies the race; returns the exit code."""
         ticks, tidied = LoopTimes(), self._endpoint.now()
         while not self._ended():
-            if self._has_lost(navigator, pilot.time):
+            if self._has_lost(navigator):
                 return NAVIGATOR_ENDED
             self._endpoint.wait(_TICK)
             ticks.start()
@@ -166,11 +201,13 @@ class AutonomyProcess:
             if has_controlled:
                 ticks.stop()
         ticks.save(self._output_dir / PILOT_TICKS)
+        self._save_counts()
         if self._stop():
+            self._say_last(_TOLD)
             return STOPPED
         return LEFT if self._phase() == phases.OVER else self._lost()
 
-    def _has_lost(self, navigator: NavigatorProcess, sim_time: float = 0.0) -> bool:
+    def _has_lost(self, navigator: NavigatorProcess) -> bool:
         """Whether the navigator has ended; then it says so, also to the simulation.
 
         The drone is left to its flight controller, as if the link had failed: without a map it
@@ -178,14 +215,19 @@ class AutonomyProcess:
         """
         if (code := navigator.poll()) is None:
             return False
-        reason = f"its navigator ended with exit code {code}"
+        reason = f"its navigator {ending(code)}"
         for message in navigator.handover.receive():
             if isinstance(message, Ended):
                 reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")
-        for _ in range(_LAST_HEARTBEATS):
-            self._endpoint.send_heartbeat(phases.RACING, sim_time, reason)
+        self._say_last(reason)
         return True
+
+    def _say_last(self, reason: str) -> None:
+        """Tells the simulation why nothing more will come."""
+        sim_time = self._endpoint.peer_heartbeat.stamp.time
+        for _ in range(_LAST_HEARTBEATS):
+            self._endpoint.send_heartbeat(self._endpoint.partners.phase, sim_time, reason)
 
     def _phase(self) -> str:
         return self._endpoint.peer_heartbeat.value.phase
@@ -200,11 +242,11 @@ class AutonomyProcess:
         self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
         return LOST
 
-    def _wait_and_poll(self, phase):
+    def _wait_and_poll(self, phase, text=""):
         """Waits a moment, takes in what has come, and shows that it is alive."""
         self._endpoint.wait(_TICK)
         self._endpoint.drain()
-        self._endpoint.beat(phase, 0.0)
+        self._endpoint.beat(phase, 0.0, text)
 
 
 @contextlib.contextmanager

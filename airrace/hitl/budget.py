@@ -8,7 +8,7 @@ from rich.table import Table
 
 from airrace.common import jit
 from airrace.common.errors import UserError
-from airrace.common.processes import processors
+from airrace.common.processes import ending, processors
 from airrace.hitl.handover import Compiling, Ended, Message, Playing, Warm
 from airrace.hitl.warm_up import play_pilot, warm_up_pilot
 
@@ -114,5 +114,5 @@ def _wait_for[M: Message](
             elif isinstance(message, Ended):
                 raise UserError(message.reason)
         if (code := navigator.poll()) is not None:
-            raise UserError(f"The navigator ended with exit code {code} before the race.")
+            raise UserError(f"The navigator {ending(code)} before the race.")
         poll()

@@ -1,6 +1,7 @@
 """What crosses the link in HITL: the one table that both bridges are built from."""
 
 import dataclasses as dc
+import math
 from collections.abc import Callable, Collection, Iterable
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 # Of the simulation, which not every autonomy needs; the others always cross the link.
 OPTIONAL_PORTS = (*PICTURE_PORTS, "state_estimate", "imu")
 _ALWAYS = ("camera_info", "truth.referee_status")  # of the simulation
+_BYTES, _REST = 5, 4096  # of pixels in grey and in colour, and what else is in a message
 _UNKNOWN = np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)])  # before the first correction
 
 
@@ -146,7 +148,7 @@ def _camera(scenario: Scenario, wanted: Iterable[str]) -> PortChannel:
         return image_messages.encode_pictures(pictures, float(camera_image_time[0]), lossless)
 
     def decode(message):
-        pictures, time = image_messages.decode_pictures(message)
+        pictures, time = image_messages.decode_pictures(message, shape)
         values = {port: image_messages.port_value(port, pictures, shape) for port in wanted}
         return {"camera_image_time": read_only([time]), **values}
 
@@ -159,4 +161,7 @@ def _camera(scenario: Scenario, wanted: Iterable[str]) -> PortChannel:
         rate=scenario.camera.fps,
         encode=encode,
         initial={"camera_image_time": np.full(1, -1.0), **dict.fromkeys(wanted)},
+        max_size=_BYTES * math.prod(shape) + _REST,
+        most_waiting=8,
+        newest_wins=True,
     )

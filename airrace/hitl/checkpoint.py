@@ -4,7 +4,7 @@ import pickle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.common.files import write_bytes
 
 if TYPE_CHECKING:
@@ -30,9 +30,14 @@ def states_of(part: "Diagram", root_context: "Context") -> dict[str, tuple[list,
     return states
 
 
-def save(folder: Path, states: dict) -> None:
-    """Writes the states of all systems of an autonomy, from states_of(), as CHECKPOINT."""
-    write_bytes(folder / CHECKPOINT, pickle.dumps(states))
+def save(folder: Path, race: str, states: dict) -> None:
+    """Writes CHECKPOINT: the identity of the race, and the states of all systems of an autonomy."""
+    write_bytes(folder / CHECKPOINT, pickle.dumps((race, states)))
+
+
+def race_of(folder: Path) -> str:
+    """Returns the identity of the race that a checkpoint is of; see restore()."""
+    return _load(folder)[0]
 
 
 def restore(folder: Path, part: "Diagram", root_context: "Context") -> None:
@@ -44,9 +49,8 @@ def restore(folder: Path, part: "Diagram", root_context: "Context") -> None:
 
     Raises UserError if there is none, or it is another autonomy's.
     """
-    path = Path(folder) / CHECKPOINT
+    _, states = _load(folder)
     try:
-        states = pickle.loads(path.read_bytes())
         for system in part.GetSystems():
             discrete, abstract = states[system.get_name()]
             context = system.GetMyMutableContextFromRoot(root_context)
@@ -54,12 +58,26 @@ def restore(folder: Path, part: "Diagram", root_context: "Context") -> None:
                 context.SetDiscreteState(i, value)
             for i, value in enumerate(abstract):
                 context.SetAbstractState(i, value)
+    except Exception as e:  # other systems may raise anything
+        raise _unfit(folder, e) from None
+
+
+def _load(folder: Path) -> tuple[str, dict]:
+    """Returns what save() has written; raises UserError as restore() does."""
+    try:
+        race, states = pickle.loads((folder / CHECKPOINT).read_bytes())
     except OSError as e:
         raise UserError(
             f"--resume {folder} has no {CHECKPOINT} ({e.strerror}); name the --output folder of "
             "the autonomy that has ended."
         ) from None
     except Exception as e:  # a pickle of other systems may raise anything
-        raise UserError(
-            f"{path} does not fit this scenario ({type(e).__name__}: {e}); start without --resume."
-        ) from None
+        raise _unfit(folder, e) from None
+    return race, states
+
+
+def _unfit(folder: Path, error: Exception) -> UserError:
+    return UserError(
+        f"{folder / CHECKPOINT} does not fit this scenario ({words(error)}); start without "
+        "--resume."
+    )

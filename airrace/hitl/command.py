@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Group, Parameter
 
 from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
@@ -16,10 +17,9 @@ from airrace.scenario.options import ScenarioOptions, resolve_scenario
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import lcm
-
     from airrace.hitl.companion import Companion
     from airrace.hitl.companion.address import Address
+    from airrace.hitl.link.udp_bus import UdpBus
     from airrace.scenario import Scenario
 
 EPILOG = """\
@@ -62,6 +62,11 @@ class HitlOptions(RaceOptions):
         "of LCM (default: udpm://239.255.76.67:7667?ttl=0, with a free port for --companion local, "
         "and ttl=1 for USER@HOST)"
     )
+    link_key: Annotated[Path | None, Parameter(group=LINK, metavar="FILE")] = None
+    (
+        "sign what crosses the link, and drop what others send; a companion is brought the key "
+        "(default: none). To make one: (umask 077; head -c 32 /dev/urandom > FILE)"
+    )
     lockstep: Annotated[bool, Parameter(group=LINK, negative=())] = False
     "tick by tick in the place of real time; the same race as SITL"
 
@@ -75,11 +80,21 @@ def add_to(app: App) -> None:
     app.command(hitl)
 
 
-def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Scenario", "lcm.LCM"]:
-    """Returns the checked Scenario and the LCM that options name; may raise UserError."""
-    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+def scenario_and_bus(
+    options: ScenarioOptions, lcm_url: str | None, key: bytes | None
+) -> tuple["Scenario", "UdpBus"]:
+    """Returns the checked Scenario and the open link that options name; may raise UserError."""
+    from airrace.hitl.link.endpoint import DEFAULT_URL
+    from airrace.hitl.link.udp_bus import UdpBus
 
-    return checked_scenario(options), open_lcm(lcm_url or DEFAULT_URL)
+    return checked_scenario(options), UdpBus(lcm_url or DEFAULT_URL, key)
+
+
+def key_of(link_key: Path | None) -> bytes | None:
+    """Returns the key that --link_key names, None if it names none; may raise UserError."""
+    from airrace.hitl.link.link_key import read_key
+
+    return None if link_key is None else read_key(link_key)
 
 
 def checked_scenario(options: ScenarioOptions) -> "Scenario":
@@ -93,6 +108,7 @@ def autonomy(
     *,
     options: ScenarioOptions = ScenarioOptions(),
     lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
+    link_key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     output: Annotated[Path, Parameter(metavar="DIR")] = Path("autonomy"),
     resume: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     patience: Annotated[float, Parameter(metavar="S")] = 60.0,
@@ -102,6 +118,8 @@ def autonomy(
     Args:
         lcm_url: of LCM; ttl=0 stays on this computer, ttl=1 leaves it
             (default: udpm://239.255.76.67:7667?ttl=0)
+        link_key: the file of a key that the simulation has, too: sign what crosses the link, and
+            drop what others send; (umask 077; head -c 32 /dev/urandom > FILE) makes one
         output: where its map and its checkpoint go (default: autonomy)
         resume: go on in a race that is on, with the checkpoint in the --output folder of the
             one that has ended; only of a folder that you trust, it can hold code
@@ -112,16 +130,20 @@ def autonomy(
     from airrace.hitl.autonomy_process import AutonomyProcess
     from airrace.hitl.link.endpoint import DEFAULT_URL
 
-    scenario, bus = scenario_and_bus(options, lcm_url)
-    with interrupt_flag() as interrupted:
+    key, url = key_of(link_key), lcm_url or DEFAULT_URL
+    scenario, bus = scenario_and_bus(options, url, key)
+    with contextlib.closing(bus), interrupt_flag() as interrupted:
         with results_folder(output) as folder:
-            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            process = AutonomyProcess(
+                scenario, bus, folder, stop=lambda: interrupted.is_set, resume=resume, url=url
+            )
             with contextlib.closing(process):
-                process.prepare(lcm_url or DEFAULT_URL, briefly=resume is not None)
+                process.prepare(url, key)
                 print(READY, flush=True)
-                return process.run(resume=resume, patience=patience)
+                return process.run(patience)
 
 
+@sigterm_as_ctrl_c()
 def simulation(*, options: HitlOptions = HitlOptions()) -> int:
     """Run the simulation, for an autonomy that waits at the other end."""
     from airrace.hitl.hitl_race import BY_HAND

@@ -28,6 +28,7 @@ class Setup(NamedTuple):
 
     scenario: str  # as YAML
     lcm_url: str  # of the link to the simulation
+    key: bytes | None  # of that link
     output_dir: str  # where the checkpoint and the map go
     session: int  # of the pilot's Endpoint
     briefly: bool  # see warm_up_navigator()
@@ -62,6 +63,12 @@ class Resume(NamedTuple):
     folder: str
 
 
+class Joined(NamedTuple):
+    """The autonomy is in a race, and takes messages of no other."""
+
+    race: str  # its identity
+
+
 class Ready(NamedTuple):
     """The navigator's values are sound from now on."""
 
@@ -69,6 +76,7 @@ class Ready(NamedTuple):
 class States(NamedTuple):
     """What the pilot knows, for the checkpoint: see states_of()."""
 
+    race: str  # its identity
     by_system: dict[str, tuple[list, list]]
 
 
@@ -80,7 +88,7 @@ class PortValues(NamedTuple):
     by_port: dict[str, Any]
 
 
-Message = Setup | Compiling | Playing | Warm | Ended | Resume | Ready | States | PortValues
+Message = Setup | Compiling | Playing | Warm | Ended | Joined | Resume | Ready | States | PortValues
 
 
 class QueueHandover:

@@ -3,6 +3,8 @@
 import contextlib
 import dataclasses as dc
 import importlib.util
+import json
+import secrets
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -10,10 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from airrace.common.errors import UserError
-from airrace.common.files import files_in
+from airrace.common.files import files_in, write_json
+from airrace.common.json_files import read_json
 from airrace.common.patience import patient
+from airrace.common.processes import ending
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.hitl.autonomy_process import PILOT_LINK
 from airrace.hitl.channels import make_channels
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address, parse_address
@@ -21,10 +26,15 @@ from airrace.hitl.companion.local import LocalCompanion
 from airrace.hitl.lcm_bridge import ports_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
-from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
+from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint
+from airrace.hitl.link.link_key import read_key
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import measure
+from airrace.hitl.link.udp_bus import UdpBus
+from airrace.hitl.navigator import NAVIGATOR_LINK
 from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote, Remote
+from airrace.hitl.shared_settings import shared_settings
 from airrace.hitl.warm_up import warm_up
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
@@ -34,6 +44,7 @@ _TEST = 1.0  # s, of the link before a race
 # s that an autonomy may take to start: by the user, and by the race, which notices its end. The
 # first time it compiles, which takes minutes on a board.
 _START_BY_HAND, _START = 180.0, 600.0
+_KEY = "link.key"  # what the autonomy calls the file of --link_key
 _FAREWELL = 15.0  # s, that the autonomy has to end by itself
 
 
@@ -77,7 +88,7 @@ def remote_transport(
     """Starts the autonomy, checks the link, and yields the Remote to race with.
 
     Args:
-        args: has companion, lcm_url and lockstep, as the command line's options.
+        args: has companion, lcm_url, link_key and lockstep, as the command line's options.
         output_dir: what the autonomy has written is left in ``autonomy`` there.
         make_companion: from the Address of another computer to a Companion.
 
@@ -88,22 +99,26 @@ def remote_transport(
     # What waits for the time is the link, not Drake's Simulator.
     config = scenario.simulator_config
     rate, config.target_realtime_rate = config.target_realtime_rate, 0.0
-    bus = open_lcm(url)
+    key = None if args.link_key is None else read_key(args.link_key)
+    bus = UdpBus(url, key)
     channels = make_channels(scenario, ports_wanted(MakeAutonomy(scenario)))
     with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.closing(bus))
         poll = poll_start = lambda: None
         patience = _START_BY_HAND if companion == BY_HAND else _START
         if companion != BY_HAND:
             address = parse_address(companion)
             there = LocalCompanion() if address is None else make_companion(address)
             stack.enter_context(contextlib.closing(there))
-            poll, poll_start = _start(there, scenario, url, output_dir / "autonomy", note, stack)
+            folder = output_dir / "autonomy"
+            poll, poll_start = _start(there, scenario, url, key, folder, note, stack)
+        me = Partner(secrets.token_hex(16), shared_settings(scenario, channels), url=url)
         if not lockstep:
             warm_up(scenario)
-            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience)
+            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience, me=me)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
-        endpoint = Endpoint(SIMULATION, channels, bus)
+        endpoint = Endpoint(SIMULATION, channels, bus, me=me)
         stack.callback(endpoint.close)
         await_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
         if lockstep:
@@ -112,12 +127,12 @@ def remote_transport(
             yield RealTimeRemote(channels, endpoint, poll, rate)
 
 
-def _start(companion, scenario, url, folder, note, stack):
+def _start(companion, scenario, url, key, folder, note, stack):
     """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
 
-    Returns its poll(), and one that raises UserError if it has ended.
+    Returns its poll(), which notes how it ended, and one that raises UserError if it has.
     """
-    last = ""
+    last, noted = "", False
 
     def log(line):
         nonlocal last
@@ -125,17 +140,26 @@ def _start(companion, scenario, url, folder, note, stack):
         note(f"autonomy: {line}")
 
     arguments = ["--lcm_url", url, "--output", OUTPUT, "--scenario_file", "scenario.yaml"]
-    autonomy = companion.start(arguments, files_of(scenario), log)
+    files = files_of(scenario)
+    if key is not None:
+        files[_KEY], arguments = key, [*arguments, "--link_key", _KEY]
+    autonomy = companion.start(arguments, files, log)
     stack.callback(_collect, autonomy, folder, note)
+
+    def poll():
+        nonlocal noted
+        code = autonomy.poll()
+        if code is not None and not noted:
+            noted = True
+            note(f"autonomy: its process {ending(code)}")
+        return code
 
     def poll_start():
         if (code := autonomy.poll()) is not None:
-            raise UserError(
-                f"The autonomy ended with exit code {code} before the race: "
-                f"{last.removeprefix('airrace: ')}"
-            )
+            said = f": {last.removeprefix('airrace: ')}" if code > 0 and last else "."
+            raise UserError(f"The autonomy's process {ending(code)} before the race{said}")
 
-    return autonomy.poll, poll_start
+    return poll, poll_start
 
 
 def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) -> None:
@@ -146,8 +170,25 @@ def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) ->
     autonomy.stop()
     try:
         autonomy.collect(folder)
+        _add_counts(folder)
     except UserError as e:  # the race's own files are there
         note(f"airrace: {e}")
+    with contextlib.suppress(OSError):
+        folder.rmdir()  # if it had written nothing
+
+
+def _add_counts(folder: Path) -> None:
+    """Adds to race.json what pilot and navigator have counted on the link."""
+    path = folder.parent / "race.json"
+    if not path.exists():
+        return  # there was no race
+    result = json.loads(path.read_text())
+    link = result["wall"].setdefault("link", {})
+    for half, name in (("pilot", PILOT_LINK), ("navigator", NAVIGATOR_LINK)):
+        if (folder / name).exists():
+            remedy = "race.json is without it"
+            link[half] = read_json(folder / name, dict[str, object], "count of messages", remedy)
+    write_json(path, result)
 
 
 def files_of(scenario: Scenario) -> dict[str, bytes]:

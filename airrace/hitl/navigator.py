@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import InitializeParams, Simulator
 
+from airrace.common.files import write_json
 from airrace.hitl.checkpoint import restore, save, states_of
-from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
+from airrace.hitl.handover import Handover, Joined, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import MakeNavigatorSide
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.systems.planning.lap_planner import LapPlanner
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.hitl.pilot import Halves
     from airrace.scenario import Scenario
 
+NAVIGATOR_LINK = "navigator_link.json"
 _GAP = 0.5  # s, beyond which the past is not caught up with
 
 
@@ -34,7 +34,7 @@ class Navigator:
         self,
         scenario: "Scenario",
         halves: "Halves",
-        bus: "lcm.LCM | SimulatedBus",
+        bus: "Bus",
         handover: Handover,
         *,
         output_dir: Path,
@@ -81,9 +81,11 @@ class Navigator:
         match message:
             case Resume(folder):
                 self._resume = folder
-            case States(by_system) if self.is_started:
+            case Joined(race):
+                self._endpoint.join(race)
+            case States(race, by_system) if self.is_started:
                 states = states_of(self._side.part, self._context)
-                save(self._output_dir, {**by_system, **states})
+                save(self._output_dir, race, {**by_system, **states})
             case PortValues():
                 self._go_on(message)
 
@@ -121,7 +123,8 @@ class Navigator:
             self._received = now
 
     def end(self) -> None:
-        """Writes the map as it is at the end."""
+        """Writes the map as it is at the end, and counts of what came over the link."""
+        write_json(self._output_dir / NAVIGATOR_LINK, self._endpoint.summary())
         writer = self._side.diagram.GetSubsystemByName("gate_map_writer")
         writer.ForcedPublish(writer.GetMyContextFromRoot(self._context))
 

@@ -39,13 +39,20 @@ class NavigatorProcess:
         lcm_url: str,
         output_dir: Path,
         *,
+        key: bytes | None = None,
         session: int = 0,
         briefly: bool = False,
         duration: float,
     ):
         """Starts it. Args: scenario: the race. The others: see Setup."""
         setup = Setup(
-            scenario_yaml(scenario), lcm_url, str(output_dir.absolute()), session, briefly, duration
+            scenario_yaml(scenario),
+            lcm_url,
+            key,
+            str(output_dir.absolute()),
+            session,
+            briefly,
+            duration,
         )
         self._process, here = start_module(__name__)
         self.handover = SocketHandover(here)
@@ -73,7 +80,7 @@ class NavigatorProcess:
 def navigate(setup: Setup, handover: SocketHandover) -> None:
     """Warms up, and navigates until the other end of the handover is closed."""
     # Imported at a low priority: this takes seconds of a processor.
-    from airrace.hitl.link.endpoint import open_lcm
+    from airrace.hitl.link.udp_bus import UdpBus
     from airrace.hitl.navigator import Navigator
     from airrace.hitl.pilot import make_halves
     from airrace.hitl.planning_worker import PlanningWorker
@@ -87,7 +94,7 @@ def navigate(setup: Setup, handover: SocketHandover) -> None:
                 warm_up_navigator(scenario, setup.briefly)
         handover.send(Playing())
         share = play_navigator(scenario, setup.duration).sum() / setup.duration
-        bus, output_dir = open_lcm(setup.lcm_url), Path(setup.output_dir)
+        bus, output_dir = UdpBus(setup.lcm_url, setup.key), Path(setup.output_dir)
         navigator = Navigator(
             scenario,
             make_halves(scenario),

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, states_of
-from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
+from airrace.hitl.handover import Handover, Joined, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import PREDICTED, MakePilotSide, ports_wanted
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ class Pilot:
         # When it was last told everything, heard, and given what to keep, by the endpoint's clock.
         self._asked = self._heard = self._kept = float("-inf")
         self._resume: Path | None = None
+        self._race = endpoint.partners.me.race
         self._navigator_is_ready = False
 
     @property
@@ -86,6 +87,12 @@ class Pilot:
         """Whether something has come on every channel, and the navigator is ready, too."""
         return self._navigator_is_ready and self._side.receiver.is_complete(self._endpoint)
 
+    @property
+    def waits_for(self) -> str:
+        """What it is not ready without, in words."""
+        missing = self._side.receiver.missing(self._endpoint)
+        return f"nothing has come on {missing[0]}" if missing else "its navigator is not ready"
+
     def prepare(self, resume: Path | None = None) -> None:
         """Tells the navigator how it stands; to be called until is_ready().
 
@@ -99,6 +106,7 @@ class Pilot:
             return
         self._asked = now
         self._side.receiver.receive(self._context, self._endpoint)
+        self._handover.send(Joined(self._race))
         if resume and self._resume is None:
             self._resume = resume
             restore(resume, self._side.part, self._context)
@@ -146,7 +154,7 @@ class Pilot:
             self._hand_over()
             if self._endpoint.now() - self._kept >= CHECKPOINT_PERIOD:  # the navigator writes it
                 self._kept = self._endpoint.now()
-                self._handover.send(States(states_of(side.part, context)))
+                self._handover.send(States(self._race, states_of(side.part, context)))
         rate = self._scenario.controller.rate
         return int(rate * context.get_time()) > int(rate * before)
 

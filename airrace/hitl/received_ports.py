@@ -120,4 +120,8 @@ class LcmReceiver(ReceivedPorts):
 
     def is_complete(self, endpoint: "Endpoint") -> bool:
         """Whether something has come on every channel."""
-        return all(map(endpoint.newest, self._states))
+        return not self.missing(endpoint)
+
+    def missing(self, endpoint: "Endpoint") -> list[str]:
+        """Returns the names of the channels on which nothing has come."""
+        return [channel for channel in self._states if endpoint.newest(channel) is None]

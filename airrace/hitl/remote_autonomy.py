@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from airrace.common.errors import UserError
+from airrace.common.processes import ending
 from airrace.common.words import printable
 from airrace.diagrams.command_watchdog import AddCommandWatchdog
 from airrace.diagrams.transport import POLL_PERIOD, Transport
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
     from airrace.systems.types import RefereeStatus
 
-LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
+LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # the modes that the simulation's heartbeats say
 _TICK = 0.001  # s between polls of the link
 _BEHIND = 0.1  # s of the wall's clock that the simulation catches up; the rest is lost
 _LAST_HEARTBEATS = 5
@@ -40,7 +42,7 @@ class Remote(Transport):
         self,
         channels: "Sequence[PortChannel]",
         endpoint: Endpoint,
-        poll: Callable[[], object] = lambda: None,
+        poll: Callable[[], int | None] = lambda: None,
     ):
         """Constructs the transport.
 
@@ -49,7 +51,41 @@ class Remote(Transport):
                 its exit code if it has ended.
         """
         self._channels, self._endpoint, self._poll = channels, endpoint, poll
+        endpoint.partners.me.mode = self.mode
         self._shown = -1.0
+        self._code: int | None = None  # with which the autonomy's process ended
+
+    def _has_ended(self) -> bool:
+        """Whether the autonomy's process is there no more, as far as that can be known here."""
+        if self._code is None:
+            self._code = self._poll()
+        return self._code is not None
+
+    def _await_ready(self, poll: Callable[[], object] = lambda: None) -> None:
+        """Waits until the autonomy is ready, and calls poll() meanwhile.
+
+        Raises UserError if it is not ready in time, or ends.
+        """
+
+        def look():
+            if self._has_ended():
+                raise UserError(f"The autonomy's process {self._end()} before the race.")
+            poll()
+
+        await_peer(self._endpoint, phases.READY, timeout=_PATIENCE, poll=look)
+
+    def _end(self) -> str:
+        """Returns how the autonomy's process ended, in words."""
+        assert self._code is not None
+        return ending(self._code)
+
+    def _reason_given(self) -> str:
+        """Returns why the autonomy fell silent, in brackets, as far as that is known."""
+        self._has_ended()
+        said = printable(self._endpoint.peer_heartbeat.value.text[:300])
+        if not said and self._code is not None:
+            said = f"its process {self._end()}"
+        return f" ({said})" if said else ""
 
     def AddToBuilder(
         self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
@@ -70,9 +106,8 @@ class Remote(Transport):
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator: "Simulator") -> dict:
-        channels = {name: each.summary() for name, each in self._endpoint.statistics.items()}
         round_trip = self._endpoint.clock.round_trip
-        return {"link": {"mode": self.mode, "round_trip_s": round_trip, "channels": channels}}
+        return {"link": {"mode": self.mode, "round_trip_s": round_trip, **self._endpoint.summary()}}
 
 
 class LockstepRemote(Remote):
@@ -105,16 +140,20 @@ class LockstepRemote(Remote):
 
     def _meet(self) -> None:
         """Waits until the autonomy is ready."""
-        await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
+        self._await_ready()
 
     def _step(self, context: "Context") -> str | None:
         """Exchanges the messages of one step; returns why the race cannot go on, or None."""
         self._exchange.send(context)
         try:
-            left = self._exchange.receive(context, stop=lambda: self._poll() is not None)
+            left = self._exchange.receive(context, stop=self._has_left)
         except PeerLost as e:
-            return f"the autonomy fell silent for {e.args[0]:.0f} s"
-        return "the autonomy left the race" if left else None
+            return f"the autonomy fell silent for {e.args[0]:.0f} s{self._reason_given()}"
+        return f"the autonomy left the race{self._reason_given()}" if left else None
+
+    def _has_left(self) -> bool:
+        """Whether the autonomy's process has ended, or says that it does."""
+        return self._has_ended() or bool(self._endpoint.peer_heartbeat.value.text)
 
 
 class RealTimeRemote(Remote):
@@ -126,12 +165,12 @@ class RealTimeRemote(Remote):
         self,
         channels: "Sequence[PortChannel]",
         endpoint: Endpoint,
-        poll: Callable[[], object] = lambda: None,
+        poll: Callable[[], int | None] = lambda: None,
         rate: float = 1.0,
     ):
         """Args: rate: seconds of simulated time a second. The others: see Remote."""
         super().__init__(channels, endpoint, poll)
-        self._rate = rate
+        self._rate = endpoint.partners.me.rate = rate
         self._start = self._late = 0.0  # by the endpoint's clock, s
         self._ticks = 0
 
@@ -140,27 +179,20 @@ class RealTimeRemote(Remote):
 
     def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
-        await_peer(
-            self._endpoint,
-            phases.READY,
-            f"{REAL_TIME} {self._rate!r}",
-            timeout=_PATIENCE,
-            poll=lambda: self._send_initial_values(context),
-        )
+        self._await_ready(lambda: self._send_initial_values(context))
         self._endpoint.clock.rate = self._rate
         self._endpoint.clock.restart()
         self._start = self._endpoint.now()
 
     def _send_initial_values(self, context):
         """Sends what the autonomy needs to begin, again and again: messages get lost."""
-        self._poll()
         if self._endpoint.now() - self._shown > 2 * HEARTBEAT_PERIOD:
             self._shown = self._endpoint.now()
             self._sender.forget()
             self._sender.send(context)
 
     def advance(self, simulator: "Simulator", end: float) -> str | None:
-        self._poll()
+        self._has_ended()
         context = simulator.get_mutable_context()
         # Counted, not added up, so that the plant's own steps are not cut.
         while context.get_time() < end:
@@ -177,15 +209,12 @@ class RealTimeRemote(Remote):
         due = self._start + self._late + tick / self._rate
         while True:
             now = self._endpoint.now()
-            self._send_heartbeat(sim_time)
+            self._endpoint.beat(phases.RACING, sim_time)
             self._endpoint.drain()
             if now >= due:
                 self._late += max(now - due - _BEHIND, 0.0)
                 return
             self._endpoint.wait(due - now)
-
-    def _send_heartbeat(self, sim_time):
-        self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator: "Simulator") -> dict:
         m = self._watchdog_memory(simulator.get_context())
@@ -203,8 +232,11 @@ class RealTimeRemote(Remote):
 
     def judged(self, status: "RefereeStatus", simulator: "Simulator") -> "RefereeStatus":
         m = self._watchdog_memory(simulator.get_context())
-        if status.dnf_reason is None or m.mode < HOVER:
+        if status.dnf_reason is None:
             return status
+        if m.mode < HOVER:
+            reason = self._reason_given() if self._has_ended() else ""
+            return dc.replace(status, dnf_reason=status.dnf_reason + reason)
         silent = f"the autonomy fell silent at {m.last:.1f} s{self._reason_given()}"
         if m.mode == LAND and status.dnf_reason.startswith("hit the ground"):
             return dc.replace(
@@ -221,11 +253,6 @@ class RealTimeRemote(Remote):
                 f"{self._reason_given()}"
             )
         return None
-
-    def _reason_given(self):
-        """Returns why the autonomy fell silent, if it has said so."""
-        words = printable(self._endpoint.peer_heartbeat.value.text)
-        return f" ({words})" if words else ""
 
     def _watchdog_memory(self, context):
         return self._watchdog.recall(self._watchdog.GetMyContextFromRoot(context))

@@ -49,7 +49,7 @@ class SimulatedRemote(RealTimeRemote):
         context = simulator.get_mutable_context()
         while not self._pilot.is_ready():
             self._link.time += _TICK
-            self._send_heartbeat(0.0)
+            self._endpoint.beat(phases.READY, 0.0)
             self._send_initial_values(context)
             self._endpoint.drain()
             self._poll_autonomy(phases.WAITING)
@@ -61,7 +61,7 @@ class SimulatedRemote(RealTimeRemote):
     def _wait_for(self, tick, sim_time):
         self._link.time = self._start + tick
         self._let_autonomy_step(tick)
-        self._send_heartbeat(sim_time)
+        self._endpoint.beat(phases.RACING, sim_time)
         self._endpoint.drain()
 
     def _let_autonomy_step(self, now):

@@ -12,71 +12,113 @@ import airrace.lcmtypes
 class lcmt_heartbeat(object):
     """ Both sides send it all the time: who they are, how far they are, and both clocks. """
 
-    __slots__ = ["header", "role", "phase", "text", "peer", "sent", "peer_sent", "peer_received", "step", "num_channels", "channels", "sequences"]
+    __slots__ = ["header", "role", "phase", "text", "race", "resumes", "version", "digest", "shared", "mode", "rate", "num_ports", "ports", "peer", "sent", "peer_sent", "peer_received", "step", "num_channels", "channels", "sequences"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "string", "string", "string", "int64_t", "int64_t", "int64_t", "int64_t", "int64_t", "int32_t", "string", "int64_t"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "string", "string", "string", "string", "boolean", "string", "string", "string", "string", "double", "int32_t", "string", "int64_t", "int64_t", "int64_t", "int64_t", "int64_t", "int32_t", "string", "int64_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, ["num_channels"], ["num_channels"]]
+    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, None, None, ["num_ports"], None, None, None, None, None, None, ["num_channels"], ["num_channels"]]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
         """ LCM Type: airrace.lcmtypes.lcmt_header """
         self.role = ""
-        """ LCM Type: string """
-        self.phase = ""
         """
         simulation or autonomy
         LCM Type: string
         """
 
-        self.text = ""
+        self.phase = ""
         """
-        waiting, testing, ready, racing, over
+        compiling, waiting, testing, ready, racing, over
         LCM Type: string
         """
 
-        self.peer = 0
+        self.text = ""
         """
-        what the phase is about
-        LCM Type: int64_t
+        what it waits for, or why it gives up, for people
+        LCM Type: string
         """
 
-        self.sent = 0
+        self.race = ""
+        """
+        identity of the race, 32 hexadecimal digits; empty if it is in none yet
+        LCM Type: string
+        """
+
+        self.resumes = False
+        """
+        whether an autonomy goes on with a checkpoint of that race
+        LCM Type: boolean
+        """
+
+        self.version = ""
+        """
+        of airrace
+        LCM Type: string
+        """
+
+        self.digest = ""
+        """
+        of what both sides must share; empty if that does not matter
+        LCM Type: string
+        """
+
+        self.shared = ""
+        """
+        that, as JSON, while a side with another digest is heard
+        LCM Type: string
+        """
+
+        self.mode = ""
+        """
+        the simulation's: lockstep or realtime, and simulated seconds a second
+        LCM Type: string
+        """
+
+        self.rate = 0.0
+        """ LCM Type: double """
+        self.num_ports = 0
+        """
+        the optional ports that an entry of a league asks for
+        LCM Type: int32_t
+        """
+
+        self.ports = []
+        """ LCM Type: string[num_ports] """
+        self.peer = 0
         """
         session of the other side, 0 if not heard yet
         LCM Type: int64_t
         """
 
-        self.peer_sent = 0
+        self.sent = 0
         """
         by the sender's clock (ns)
         LCM Type: int64_t
         """
 
-        self.peer_received = 0
+        self.peer_sent = 0
         """
         `sent` of the newest heartbeat from the other side (ns)
         LCM Type: int64_t
         """
 
-        self.step = 0
+        self.peer_received = 0
         """
         when that came, by the sender's clock (ns)
         LCM Type: int64_t
         """
 
+        self.step = 0
+        """
+        lockstep: number of the exchange, and what belongs to it
+        LCM Type: int64_t
+        """
+
         self.num_channels = 0
-        """
-        lockstep: number of the exchange
-        LCM Type: int32_t
-        """
-
+        """ LCM Type: int32_t """
         self.channels = []
-        """
-        lockstep: what belongs to the exchange
-        LCM Type: string[num_channels]
-        """
-
+        """ LCM Type: string[num_channels] """
         self.sequences = []
         """ LCM Type: int64_t[num_channels] """
 
@@ -101,6 +143,33 @@ class lcmt_heartbeat(object):
         buf.write(struct.pack('>I', len(__text_encoded)+1))
         buf.write(__text_encoded)
         buf.write(b"\0")
+        __race_encoded = self.race.encode('utf-8')
+        buf.write(struct.pack('>I', len(__race_encoded)+1))
+        buf.write(__race_encoded)
+        buf.write(b"\0")
+        buf.write(struct.pack(">b", self.resumes))
+        __version_encoded = self.version.encode('utf-8')
+        buf.write(struct.pack('>I', len(__version_encoded)+1))
+        buf.write(__version_encoded)
+        buf.write(b"\0")
+        __digest_encoded = self.digest.encode('utf-8')
+        buf.write(struct.pack('>I', len(__digest_encoded)+1))
+        buf.write(__digest_encoded)
+        buf.write(b"\0")
+        __shared_encoded = self.shared.encode('utf-8')
+        buf.write(struct.pack('>I', len(__shared_encoded)+1))
+        buf.write(__shared_encoded)
+        buf.write(b"\0")
+        __mode_encoded = self.mode.encode('utf-8')
+        buf.write(struct.pack('>I', len(__mode_encoded)+1))
+        buf.write(__mode_encoded)
+        buf.write(b"\0")
+        buf.write(struct.pack(">di", self.rate, self.num_ports))
+        for i0 in range(self.num_ports):
+            __ports_encoded = self.ports[i0].encode('utf-8')
+            buf.write(struct.pack('>I', len(__ports_encoded)+1))
+            buf.write(__ports_encoded)
+            buf.write(b"\0")
         buf.write(struct.pack(">qqqqqi", self.peer, self.sent, self.peer_sent, self.peer_received, self.step, self.num_channels))
         for i0 in range(self.num_channels):
             __channels_encoded = self.channels[i0].encode('utf-8')
@@ -129,6 +198,22 @@ class lcmt_heartbeat(object):
         self.phase = buf.read(__phase_len)[:-1].decode('utf-8', 'replace')
         __text_len = struct.unpack('>I', buf.read(4))[0]
         self.text = buf.read(__text_len)[:-1].decode('utf-8', 'replace')
+        __race_len = struct.unpack('>I', buf.read(4))[0]
+        self.race = buf.read(__race_len)[:-1].decode('utf-8', 'replace')
+        self.resumes = bool(struct.unpack('b', buf.read(1))[0])
+        __version_len = struct.unpack('>I', buf.read(4))[0]
+        self.version = buf.read(__version_len)[:-1].decode('utf-8', 'replace')
+        __digest_len = struct.unpack('>I', buf.read(4))[0]
+        self.digest = buf.read(__digest_len)[:-1].decode('utf-8', 'replace')
+        __shared_len = struct.unpack('>I', buf.read(4))[0]
+        self.shared = buf.read(__shared_len)[:-1].decode('utf-8', 'replace')
+        __mode_len = struct.unpack('>I', buf.read(4))[0]
+        self.mode = buf.read(__mode_len)[:-1].decode('utf-8', 'replace')
+        self.rate, self.num_ports = struct.unpack(">di", buf.read(12))
+        self.ports = []
+        for i0 in range(self.num_ports):
+            __ports_len = struct.unpack('>I', buf.read(4))[0]
+            self.ports.append(buf.read(__ports_len)[:-1].decode('utf-8', 'replace'))
         self.peer, self.sent, self.peer_sent, self.peer_received, self.step, self.num_channels = struct.unpack(">qqqqqi", buf.read(44))
         self.channels = []
         for i0 in range(self.num_channels):
@@ -141,7 +226,7 @@ class lcmt_heartbeat(object):
     def _get_hash_recursive(parents):
         if lcmt_heartbeat in parents: return 0
         newparents = parents + [lcmt_heartbeat]
-        tmphash = (0x49315c2b4783a757+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xe38af69fb1123a3b+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -82,9 +82,9 @@ def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
     from airrace.hitl.link import phases
     from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
     from airrace.hitl.link.lockstep import await_peer
+    from airrace.hitl.link.partners import Partner
     from airrace.hitl.link.socket_bus import SocketBus
     from airrace.hitl.lockstep_autonomy import race_in_lockstep
-    from airrace.league.entry_remote import PORTS_WANTED
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(filename=SCENARIO)
@@ -99,10 +99,9 @@ def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
     wanted = ports_wanted(autonomy)
     channels = make_channels(scenario, wanted)
     bus = SocketBus(end)
-    endpoint = Endpoint(AUTONOMY, channels, bus)
+    endpoint = Endpoint(AUTONOMY, channels, bus, me=Partner(ports=tuple(wanted)))
     side = MakeLockstepSide(scenario, autonomy, channels, endpoint, scratch)
-    text = f"{PORTS_WANTED} {' '.join(wanted)}"
-    await_peer(endpoint, phases.WAITING, text, expected=phases.READY, timeout=600.0)
+    await_peer(endpoint, phases.WAITING, expected=phases.READY, timeout=600.0)
     return race_in_lockstep(scenario, side, endpoint, stop=lambda: bus.is_broken)
 
 

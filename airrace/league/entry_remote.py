@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from airrace.league.sandbox import EntryProcess
     from airrace.league.season import Limits
 
-PORTS_WANTED = "ports:"  # begins what an entry says while it waits: which optional ports it uses
 _MOST_SENT = 64 << 20  # bytes in one step
 _MOST_WAITING = 1000  # messages that belong to no step
 _LAST_WORDS = 5.0  # s from the end of the socket to the end of the process
@@ -108,7 +107,6 @@ class EntryRemote(LockstepRemote):
         await_peer(
             self._endpoint,
             phases.READY,
-            self.mode,
             timeout=2.0 * self._limits.start_wall,
             poll=self._start.check,
         )
@@ -207,12 +205,11 @@ def meet_entry(
 
 def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
     """Returns the optional ports that an entry asks for in a heartbeat."""
-    text = heartbeat.value.text
-    mark, _, names = text.partition(" ")
-    wanted = tuple(names.split())
+    wanted = tuple(heartbeat.value.ports)
     given = [port for port in OPTIONAL_PORTS if port != "state_estimate" or not scenario.localizes]
-    if mark != PORTS_WANTED or any(port not in given for port in wanted):
-        raise EntryFailed(f"the entry broke the rules: it asked for '{printable(text[:80])}'")
+    for port in wanted:
+        if port not in given:
+            raise EntryFailed(f"the entry broke the rules: it asked for '{printable(port[:80])}'")
     return wanted
 
 

@@ -171,6 +171,7 @@ def _fly(options: GrandPrixOptions) -> dict:
     from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
+    from airrace.visualization import reach
     from airrace.visualization.course_display import CourseDisplay
     from airrace.visualization.live_page import LivePage
 
@@ -197,7 +198,8 @@ def _fly(options: GrandPrixOptions) -> dict:
                 page = LivePage(track, allow_origin=options.allow_origin)
                 page.note = display.note
                 pages.append(page)
-                display.note(f"Watch it at {page.url}")
+                for line in reach.lines(page.url):
+                    display.note(line)
             yield page
 
         stack.callback(lambda: [page.close() for page in pages])

@@ -50,6 +50,8 @@ class WallJson(TypedDict):
     """What depends on the computer, and more."""
 
     simulation: str
+    date: NotRequired[str]  # of its end, ISO 8601, UTC
+    version: NotRequired[str]  # of airrace
     plan_solve_times_s: NotRequired[list[float | None]]
 
 
@@ -64,6 +66,7 @@ class RaceJson(TypedDict):
     finished: bool
     dnf_reason: str | None
     exploration: ExplorationJson
+    systems: NotRequired[dict[str, str]]  # of one's own: the name of each to module:callable
     laps: list[LapJson]
     mean_lap_s: float | None
     best_lap_s: float | None

@@ -1,10 +1,12 @@
 """What a race leaves behind: race.json, built up as the race goes on."""
 
+import datetime
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from airrace.common.version import VERSION
 from airrace.recording import race_events as events
 from airrace.scenario import NO_POLICY, Scenario
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
@@ -29,10 +31,17 @@ def wall_data(simulation: str, simulated: float, seconds: float) -> dict:
         seconds: what that took (s).
     """
     return {
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "version": VERSION,
         "simulation": simulation,
         "seconds": seconds,
         "real_time_factor": simulated / max(seconds, 1e-9),
     }
+
+
+def own_systems_words(systems: Mapping[str, str]) -> str:
+    """Returns which systems are not airrace's own, for people; systems: as in a scenario."""
+    return ", ".join(f"{name} is {path}" for name, path in systems.items())
 
 
 class RaceResult:
@@ -137,6 +146,7 @@ class RaceResult:
             },
             **self._policy_data(),
             **({"negative_thrusts": self._negative_thrusts} if self._negative_thrusts else {}),
+            **self._systems_data(),
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),
@@ -153,6 +163,10 @@ class RaceResult:
         if self._scenario.policy == NO_POLICY:
             return {}
         return {"policy": {"name": self._scenario.policy, "events": self._policy_events}}
+
+    def _systems_data(self) -> dict:
+        """Returns what race.json says of systems that are not airrace's own."""
+        return {"systems": dict(self._scenario.systems)} if self._scenario.systems else {}
 
     def _dnf_reason(self, reason: str | None) -> str | None:
         """Returns why the race ended; for a search in vain, in which state, or for what."""

@@ -1,6 +1,7 @@
 """airrace replay: flown races again, in a browser or as a page."""
 
 import os
+import urllib.parse
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -49,6 +50,7 @@ def replay(
     from airrace.analysis.run import load_run
     from airrace.common.errors import UserError
     from airrace.common.files import write_text
+    from airrace.visualization import reach
     from airrace.visualization.ghosts import make_ghosts, replay_page
     from airrace.visualization.loopback_server import Visitors
     from airrace.visualization.page_server import serve_page
@@ -67,8 +69,12 @@ def replay(
         write_text(html, page)
         print(f"Replay: {html}")
         return 0
+
+    def announce(url: str) -> None:
+        print(*reach.lines(url), "Ctrl-C ends it.", sep="\n", flush=True)
+
     try:
-        serve_page(page, lambda url: print(f"Watch it at {url} ; Ctrl-C ends it."), visitors)
+        serve_page(page, announce, visitors)
     except KeyboardInterrupt:
         pass
     return 0
@@ -79,4 +85,4 @@ def _links(run: Path, html: Path | None) -> list:
     report = (run if run.is_dir() else run.parent) / "report.html"
     if html is None or not report.exists():
         return []
-    return [("report", os.path.relpath(report, html.parent))]
+    return [("report", urllib.parse.quote(os.path.relpath(report, html.parent)))]

@@ -55,8 +55,9 @@ def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> li
     ghosts = []
     for run, color in zip(runs, COLORS):
         if len(run.state["time"]) < 2:
+            lacks = "flight in its race.mcap" if run.recorded else "race.mcap"
             raise UserError(
-                f"{run.folder} has no flight in its race.mcap; name a race that was "
+                f"{run.folder} has no {lacks}; name a race that was "
                 "recorded, --record light or full."
             )
         if run.track != runs[0].track:

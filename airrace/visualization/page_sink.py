@@ -137,7 +137,7 @@ class PageSink:
     def _(self, event: events.GateCrossed) -> None:
         crossing = event.crossing
         self._record.add(CROSSINGS, crossing.time, gate=crossing.gate, lap=crossing.lap)
-        text = f"gate {crossing.gate}, {crossing.offset:.2f} m from its middle"
+        text = f"gate {crossing.gate}: {crossing.offset:.2f} m off its middle"
         self._record.add(EVENTS, crossing.time, text=text)
 
     @take.register

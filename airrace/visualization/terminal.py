@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from airrace.common.words import count, printable
 from airrace.recording import race_events as events
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
-from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
+from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import Scenario, trajectory_name
 from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
@@ -116,6 +116,8 @@ class RaceDisplay:
             f"airrace: {self._vehicle.name} on {self._track_name}, {kind}, "
             f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"
         )
+        if scenario.systems:
+            self._print(f"Your own: {own_systems_words(scenario.systems)}")
         for line in self._addresses:
             self._print(line)
         if self._console.is_terminal:

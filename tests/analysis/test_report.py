@@ -1,3 +1,4 @@
+import json
 import re
 import xml.etree.ElementTree as ET
 
@@ -14,7 +15,7 @@ from airrace.commands.app import main as command
 from airrace.common.colors import rgb
 from airrace.common.errors import UserError
 from tests.worlds.cases import first
-from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
+from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run, race_json
 
 
 def main(words):
@@ -169,6 +170,30 @@ def test_a_race_that_was_not_recorded(tmp_path):
         "Gates",
         "What the explorer did",
     ]
+
+
+def test_a_race_whose_log_is_missing(tmp_path, capsys):
+    folder = make_run(tmp_path / "run", recorded=False)
+    scenario = folder / "scenario.yaml"
+    scenario.write_text(scenario.read_text().replace("content: none", "content: full"))
+    text = write_report(folder).read_text()
+    check_page(text)
+    assert "race.mcap is missing: of this race, only what race.json says is left." in text
+    assert "--record none" not in text and "recording ends" not in text
+    assert "race.mcap is missing" in capsys.readouterr().err
+
+
+def test_it_says_what_was_flown_when_and_with_what(tmp_path):
+    folder = make_run(tmp_path / "run", recorded=False)
+    race = race_json(2)
+    race["wall"] |= {"date": "2026-11-29T14:57:03+00:00", "version": "1.2.3"}
+    race["systems"] = {"geometric_controller": "my_team:<make>"}
+    (folder / "race.json").write_text(json.dumps(race))
+    text = write_report(folder).read_text()
+    check_page(text)
+    when = "2026-11-29 14:57 UTC, airrace 1.2.3"
+    assert f"<title>Default on student-airrace, {when}</title>" in text
+    assert "Systems of one's own: geometric_controller is my_team:&lt;make&gt;." in text
 
 
 @pytest.mark.slow

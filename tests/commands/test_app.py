@@ -109,3 +109,12 @@ def test_an_old_python_is_told_so(tmp_path):
     old = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert old.returncode == 2 and old.stdout == ""
     assert old.stderr.count("\n") == 1 and "needs 3.12 or newer" in old.stderr
+
+
+@pytest.mark.parametrize("system", ["win32", "cygwin"])
+def test_windows_is_told_of_wsl2(system):
+    """In one sentence, before anything is imported that is not there."""
+    code = f"import sys, runpy; sys.platform = {system!r}; runpy.run_module('airrace')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.count("\n") == 1 and "WSL2" in done.stderr

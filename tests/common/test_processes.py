@@ -102,3 +102,16 @@ def test_a_process_that_is_bound_no_more_goes_on():
     with bound_to(1):
         pass
     time.sleep(0.4)
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        (0, "ended with exit code 0"),
+        (3, "ended with exit code 3"),
+        (-signal.SIGSEGV, "was killed: SIGSEGV"),
+        (-63, "was killed: signal 63"),
+    ],
+)
+def test_how_a_process_ended(code, words):
+    assert processes.ending(code) == words

@@ -1,19 +1,26 @@
 """The pages are built without a warning, and show what they should."""
 
 import dataclasses as dc
+import functools
+import html
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
 import sys
 import typing
+import urllib.parse
 from pathlib import Path
 
 import pytest
 
 from airrace.scenario import Scenario
+from tests.visualization.browser import CHROMIUM, Browser
+from tests.visualization.layout import check_page
 
 ROOT = Path(__file__).parents[2]
+GENERATED = shutil.ignore_patterns("api", "lessons", "examples")
 
 
 def load(name):
@@ -41,11 +48,11 @@ def build(folder):
     Without functions and classes in the tables of contents, which furo would copy for each of the
     hundreds of pages, and which no test looks at: they take longer than all the rest.
     """
-    shutil.copytree(ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("api"))
+    shutil.copytree(ROOT / "docs", folder / "docs", ignore=GENERATED)
     (folder / "airrace").symlink_to(ROOT / "airrace")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q"]
     command += ["-D", "toc_object_entries=0", folder / "docs", folder / "html"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-4000:]
     return folder / "html"
 
@@ -58,6 +65,49 @@ def test_the_pages_are_built_and_show_what_they_should(extension, tmp_path):
     the_season_has_its_ranking_and_its_page(pages)
     systems_are_drawn_with_their_ports(pages)
     every_field_of_a_scenario_is_there(pages)
+    every_link_leads_somewhere(pages)
+    lessons_and_examples_are_pages(pages)
+    pages_hold_at_every_width(pages)
+
+
+def pages_hold_at_every_width(pages):
+    if CHROMIUM is not None:
+        with Browser() as browser:
+            names = "index", "own_systems", "benchmarks", "lessons/4_trajectories", "season/league"
+            for name in names:
+                check_page(browser, (pages / f"{name}.html").as_uri())
+
+
+def every_link_leads_somewhere(pages):
+    """Links and pictures within the site; those to others have the form of one."""
+    for page in pages.rglob("*.html"):
+        if "_modules" in page.parts:  # source, which links to itself
+            continue
+        for link in set(re.findall(r'(?:href|src)="([^"]+)"', page.read_text())):
+            path, _, anchor = html.unescape(link).partition("#")
+            if ":" in path or path.startswith("//"):
+                assert re.match(r"(https?|data|mailto):", path), (page, link)
+                continue
+            target = page.parent / urllib.parse.unquote(path.partition("?")[0]) if path else page
+            assert target.exists(), (page, link)
+            if anchor and target.suffix == ".html":
+                assert f'id="{anchor}"' in text_of(target), (page, link)
+
+
+@functools.cache
+def text_of(page):
+    return page.read_text()
+
+
+def lessons_and_examples_are_pages(pages):
+    index = (pages / "index.html").read_text()
+    assert 'href="lessons/index.html"' in index and 'href="examples/index.html"' in index
+    for folder, source in (("lessons", "notebooks/*.ipynb"), ("examples", "examples/*.py")):
+        for path in ROOT.glob(source):
+            assert (pages / folder / f"{path.stem}.html").exists()
+    assert "2026, airrace developers" in index
+    ports = (pages / "own_systems.html").read_text()
+    assert "<p>14</p>" in ports and "exploration_reference" in ports
 
 
 def every_module_has_its_place(pages, extension):
@@ -121,6 +171,33 @@ def test_links_to_code_become_links_to_the_api(extension):
     assert (
         source[0] == "{py:mod}`a.py <airrace.track.rules>`, `models/tracks/hexagon.yaml`, [c](c.md)"
     )
+
+
+def test_links_to_lessons_and_examples_become_links_to_their_pages(extension):
+    source = ["[2](../notebooks/2_a.ipynb), [c](../examples/c.py), [d](../examples/)"]
+    extension.link_code(None, "page", source)
+    assert source[0] == "[2](lessons/2_a.md), [c](examples/c.md), `examples/`"
+
+
+def test_a_notebook_becomes_a_page(extension, tmp_path):
+    cells = [
+        ("markdown", "# A $x^2$ and [b](../docs/b.md#c)"),
+        ("code", "x = 1"),
+        ("code", "%time"),
+    ]
+    notebook = {"cells": [dict(cell_type=kind, source=[text]) for kind, text in cells]}
+    (tmp_path / "a.ipynb").write_text(json.dumps(notebook))
+    parts = extension.lesson_page(tmp_path / "a.ipynb").split("\n\n")
+    assert parts[0] == "# A `x^2` and [b](../b.md#c)" and "`notebooks/a.ipynb`" in parts[1]
+    assert parts[2:] == ["```python\nx = 1\n```", "```text\n%time\n```\n"]
+
+
+def test_every_port_has_a_type_a_rate_and_a_meaning(reference):
+    kinds, meanings = reference.port_kinds(), reference.port_meanings(Scenario())
+    assert set(kinds) <= set(meanings)
+    for name, (rate, given, meaning) in meanings.items():
+        assert (kinds.get(name) or given) and meaning and (rate or name == "camera_info"), name
+    assert "| `state_estimate` | 14 | 200 |" in reference.ports()
 
 
 def test_formulas_stay_as_they_are(extension):

@@ -20,6 +20,8 @@ SHELL = blocks("sh")
 PYTHON = blocks("python")
 CONSOLE = blocks("console")
 WITH_OUTPUT = sorted({block.page for block in CONSOLE})
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _INLINE = re.compile(r"`((?:airrace|\./run\.bash) [^`]+)`")
 
@@ -161,11 +163,35 @@ def test_a_scenario_can_be_loaded(block, tmp_path):
 def test_links_lead_to_files_and_headings(page):
     for link in _LINK.findall(page.read_text(encoding="utf-8")):
         path, _, heading = link.partition("#")
-        if "://" in link or path == "api/index.rst":  # written by Sphinx
+        if "://" in link:
+            assert re.fullmatch(r"(https|http://localhost|ssh)[:/]\S+", link), (
+                f"{page.name}: {link}"
+            )
+            continue
+        if path in ("api/index.rst", "lessons/index.md", "examples/index.md"):  # written by Sphinx
             continue
         target = page.parent / path if path else page
         assert target.exists(), f"{page.name}: {link}"
         assert not heading or heading in headings(target), f"{page.name}: {link}"
+
+
+def test_the_site_calls_its_pages_by_their_titles():
+    """Links of the front page, and so what a reader looks for in the column beside it."""
+    index = ROOT / "docs" / "index.md"
+    links = re.findall(r"\[([^\]]+)\]\((\w+\.md)\)", index.read_text(encoding="utf-8"))
+    assert len(links) > 20
+    for text, page in links:
+        title = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()[0]
+        assert title == f"# {text}", page
+
+
+@pytest.mark.parametrize("path", [*NOTEBOOKS, *EXAMPLES], ids=lambda path: path.name)
+def test_lessons_and_examples_name_files_that_there_are(path):
+    text = path.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([\w./]+\.(?:md|ipynb|py|yaml))[)#]", text):
+        assert (path.parent / link).exists(), link
+    for named in re.findall(r"\b(?:docs|models|airrace)/[\w/]+\.(?:md|py|yaml)\b", text):
+        assert (ROOT / named).exists(), named
 
 
 def headings(page):

@@ -3,6 +3,7 @@
 import collections
 import dataclasses as dc
 import gc
+import socket
 import threading
 
 import pytest
@@ -123,3 +124,24 @@ def test_a_cluster_without_workers(monkeypatch):
         with pytest.raises(UserError, match=f"{address} has no workers; start some with 'dask"):
             with running_cluster(address):
                 pytest.fail("connected")
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.0 400 Bad request\r\n" * 3, bytes(400)])
+def test_what_listens_but_is_no_scheduler(monkeypatch, answer):
+    """One that is silent, as a scheduler that was suspended, and two that talk otherwise."""
+    monkeypatch.setattr(cluster, "_GREETING_TIMEOUT", 0.5)
+    ends = []
+
+    def serve():
+        ends.append(server.accept()[0])
+        ends[0].sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(UserError, match="something listens there, but it does not answer as"):
+            with running_cluster(address):
+                pytest.fail("connected")
+        thread.join()
+    ends[0].close()

@@ -6,6 +6,7 @@ from airrace.evaluation.page import write_page
 from airrace.evaluation.tables import write_summary
 from tests.evaluation.rows import SETTINGS, row
 from tests.visualization.browser import CHROMIUM, Browser
+from tests.visualization.layout import check_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 ROWS = [
@@ -41,3 +42,4 @@ def test_races_are_sorted_filtered_and_linked(tmp_path):
         browser.wait_for("document.getElementById('race-2').open")
         assert not browser.evaluate("document.getElementById('race-3').open")
         assert not browser.errors and browser.requests == [path.as_uri()]
+        check_page(browser, path.as_uri())

@@ -6,12 +6,14 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.hitl.checkpoint import CHECKPOINT, restore, save, states_of
+from airrace.hitl.checkpoint import CHECKPOINT, race_of, restore, save, states_of
 from airrace.hitl.pilot import make_halves
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planner import _Memory
 from tests.hitl.link.messages import lap_plan
+
+RACE = "0123456789abcdef0123456789abcdef"
 
 
 def autonomy(drone="Default"):
@@ -28,7 +30,8 @@ def test_what_was_saved_comes_back(tmp_path):
     planner.GetMyMutableContextFromRoot(context).SetAbstractState(0, _Memory(plan=plan))
     monitor = first.GetSubsystemByName("rotor_monitor").GetMyMutableContextFromRoot(context)
     monitor.SetDiscreteState(0, np.arange(monitor.get_discrete_state(0).size()) + 0.1)
-    save(tmp_path, states_of(first, context))
+    save(tmp_path, RACE, states_of(first, context))
+    assert race_of(tmp_path) == RACE
     second, other = autonomy()
     restore(tmp_path, second, other)
     memory = (
@@ -52,7 +55,7 @@ def test_each_half_goes_on_with_what_both_knew(tmp_path):
         builder.AddSystem(half)
         context = builder.Build().CreateDefaultContext()
         states |= states_of(half, context)
-    save(tmp_path, states)
+    save(tmp_path, RACE, states)
     whole, context = autonomy()
     restore(tmp_path, whole, context)
     assert states.keys() == {system.get_name() for system in whole.GetSystems()}
@@ -60,7 +63,7 @@ def test_each_half_goes_on_with_what_both_knew(tmp_path):
 
 def test_no_plan_is_the_same_object_again(tmp_path):
     first, context = autonomy()
-    save(tmp_path, states_of(first, context))
+    save(tmp_path, RACE, states_of(first, context))
     restore(tmp_path, first, context)
     box = first.GetSubsystemByName("lap_planner")
     port = box.GetOutputPort("lap_plan")
@@ -74,6 +77,6 @@ def test_bad_checkpoints_are_one_sentence(tmp_path):
     (tmp_path / CHECKPOINT).write_bytes(b"torn")
     with pytest.raises(UserError, match="does not fit this scenario"):
         restore(tmp_path, box, context)
-    save(tmp_path, states_of(*autonomy("StarOne")))
+    save(tmp_path, RACE, states_of(*autonomy("StarOne")))
     with pytest.raises(UserError, match="does not fit this scenario"):
         restore(tmp_path, box, context)

@@ -28,13 +28,7 @@ from airrace.league import season as season_module
 from airrace.league.attempts import MARK
 from airrace.league.display import print_ranking, words_of
 from airrace.league.entry import load_entry
-from airrace.league.entry_remote import (
-    PORTS_WANTED,
-    EntryFailed,
-    EntryRemote,
-    GuardedBus,
-    meet_entry,
-)
+from airrace.league.entry_remote import EntryFailed, EntryRemote, GuardedBus, meet_entry
 from airrace.league.page import write_page
 from airrace.league.sandbox import EntryLog, excess_of
 from airrace.league.season import Limits, Season, make_legs
@@ -195,7 +189,7 @@ def speaking(end, says):
     def speak():
         endpoint = Endpoint(AUTONOMY, (), SocketBus(end))
         while phase := says():
-            endpoint.send_heartbeat(phase, 0.0, PORTS_WANTED)
+            endpoint.send_heartbeat(phase, 0.0)
             endpoint.wait(0.01)
             endpoint.drain()
 

@@ -6,6 +6,7 @@ import pytest
 
 from airrace import lcmtypes
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT, SIMULATION, Endpoint
+from airrace.hitl.link.partners import Partner
 from airrace.league import entry_remote
 from airrace.league.entry_remote import EntryFailed, GuardedBus, last_words, meet_entry
 from airrace.league.season import Limits
@@ -79,10 +80,11 @@ def test_to_send_without_an_end(link, monkeypatch):
     assert bus.violation == "it sent more than 1 MB in one step"
 
 
-def meet(ends, process, text=None, start_wall=0.5):
-    """What meet_entry() says of an entry that greets with a text, if it does."""
-    if text is not None:
-        Endpoint(AUTONOMY, (), entry_remote.SocketBus(ends[1])).send_heartbeat("waiting", 0.0, text)
+def meet(ends, process, ports=None, start_wall=0.5):
+    """What meet_entry() says of an entry that asks for some ports, if it does."""
+    if ports is not None:
+        bus = entry_remote.SocketBus(ends[1])
+        Endpoint(AUTONOMY, (), bus, me=Partner(ports=ports)).send_heartbeat("waiting", 0.0)
     limits = Limits(start_wall=start_wall)
     with pytest.raises(EntryFailed) as caught:
         meet_entry(Scenario(estimator="vio"), GuardedBus(ends[0]), process, limits)

@@ -1,12 +1,14 @@
 import dataclasses as dc
 import json
 import math
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from airrace.common.version import VERSION
 from airrace.recording.race_result import RaceResult, front_marker_rms
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
@@ -125,15 +127,25 @@ def test_before_the_first_observation():
         "best_lap_s": None,
         "collisions": 0,
         "wall": {
+            "date": data["wall"]["date"],
+            "version": VERSION,
             "simulation": "SITL",
             "seconds": 0.5,
             "real_time_factor": 0.0,
             "plan_solve_times_s": [],
         },
     }
+    assert abs(datetime.fromisoformat(data["wall"]["date"]) - datetime.now(UTC)) < timedelta(
+        hours=1
+    )
     assert result.laps_flown == 0 and not result.over
     wall = RaceResult(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
     assert wall["simulation"] == "HITL" and wall["link"] == {}
+
+
+def test_systems_of_ones_own_are_named():
+    systems = {"geometric_controller": "my_team:make"}
+    assert RaceResult(Scenario(systems=systems), TRACK).data(1.0)["systems"] == systems
 
 
 def test_rotor_failures_are_the_scenarios():

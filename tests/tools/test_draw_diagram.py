@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Adder, Gain, Integrator
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.variants import variant_of
 from airrace.scenario import Scenario
-from tools.draw_diagram import connections, dot, main
+from tools.draw_diagram import OUTPUT, STYLE, connections, dot, main, themed
 
 
 def test_all_connections_of_a_loop_are_found():
@@ -35,6 +35,14 @@ def test_the_autonomy_is_drawn_with_all_its_systems_and_ports():
     text = dot([MakeAutonomy(Scenario())])
     assert all(f"<b>{name}</b>" in text for name in variant_of(Scenario()).systems)
     assert all(f'"out_{name}"' in text for name in variant_of(Scenario()).outputs)
+
+
+def test_the_picture_in_the_documents_is_of_these_diagrams_and_follows_the_theme():
+    svg = OUTPUT.read_text(encoding="utf-8")
+    root = ET.fromstring(svg)
+    words = {text.text for text in root.findall(".//{*}text")}
+    assert {"simulation", "autonomy", *variant_of(Scenario()).systems} <= words
+    assert STYLE in svg and themed("<svg><g id=a/></svg>") == f"<svg>{STYLE}\n<g id=a/></svg>"
 
 
 def test_graphviz_draws_it(tmp_path, capsys):

@@ -80,8 +80,10 @@ class Sandbox:
         for name in ["run.bash", "test.bash", "tools/setup.bash"]:
             (self.checkout / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, self.checkout / name)
-        self.lock = self.checkout / "requirements.lock"
+        self.lock = self.checkout / "requirements-run.lock"
         self.lock.write_text("drake==1.58.0 --hash=sha256:0\n")
+        self.whole = self.checkout / "requirements.lock"
+        self.whole.write_text("drake==1.58.0 --hash=sha256:0\npytest==9.0.0 --hash=sha256:0\n")
         uv = FAKE_UV.format(bash=BASH, log=shlex.quote(str(self.log)))
         write_executable(Path(f"{self.log}.uv"), uv)
 
@@ -115,6 +117,9 @@ class Sandbox:
         process = self.start(*command, cwd=cwd)
         process.out, process.err = process.communicate(timeout=30)
         return process
+
+    def test(self):
+        return self.run(self.checkout / "test.bash")
 
     def race(self, *options, cwd=None):
         return self.run(self.checkout / "run.bash", *options, cwd=cwd)
@@ -246,8 +251,19 @@ def test_a_copy_that_hides_the_checkout_is_refused(ready):
 
 def test_changed_lock_is_installed(ready):
     ready.lock.write_text("drake==1.59.0 --hash=sha256:0\n")
-    assert "has changed" in ready.race().err
+    assert "other versions" in ready.race().err
     assert ready.steps() == ["pip", "uv"]
+
+
+def test_a_race_is_content_with_what_tests_take(ready):
+    """So that the two scripts, each in turn, install nothing over and over."""
+    tests = ready.test()
+    assert (tests.returncode, tests.out.count("-m pytest")) == (0, 1)
+    assert "requirements.lock asks for more" in tests.err
+    assert f"--requirement {ready.whole}" in ready.log.read_text().splitlines()[-1]
+    assert ready.steps() == ["pip", "uv"]
+    assert ready.race().err == ready.test().err == ""
+    assert ready.steps() == []
 
 
 def test_pip_installs_what_uv_can_not(sandbox):
@@ -256,6 +272,7 @@ def test_pip_installs_what_uv_can_not(sandbox):
     Path(f"{sandbox.log}.uv-fails").touch()
     race = sandbox.race()
     assert (race.returncode, race.err.count("no such index")) == (0, 0)
+    assert "uv cannot install them, so that pip does" in race.err
     last = sandbox.log.read_text().splitlines()[-1]
     assert last.startswith("pip") and f"--requirement {sandbox.lock}" in last
     assert sandbox.steps() == ["venv", "pip", "uv", "pip"]
@@ -271,14 +288,39 @@ def test_failed_set_up_is_redone_from_scratch(ready, change_lock):
     pip_fails.touch()
     failed = ready.race()
     assert (failed.returncode, failed.out) == (2, "")
-    _, *output, sentence = failed.err.splitlines(keepends=True)
-    assert set(output) == {"no such wheel\n"}
+    _, other_way, *output, sentence = failed.err.splitlines(keepends=True)
+    assert_one_sentence(other_way)
+    assert output == ["no such wheel\n"]
     assert_one_sentence(sentence)
     ready.steps()
 
     pip_fails.unlink()
     assert ready.race().returncode == 0
     assert ready.steps() == ["venv", "pip", "uv"]
+
+
+@pytest.mark.parametrize("system, name", [("linux-gnu", "glibc"), ("darwin25", "Apple silicon")])
+def test_a_failed_set_up_says_what_this_system_must_be(sandbox, system, name):
+    """And without a network it says so soon: pip tries only once more."""
+    sandbox.add_python("good/python3.12")
+    sandbox.add_to_path("good")
+    sandbox.env["OSTYPE"] = system
+    Path(f"{sandbox.log}.pip-fails").touch()
+    failed = sandbox.race()
+    assert failed.returncode == 2 and name in failed.err
+    assert failed.err.count("glibc") + failed.err.count("Apple") == 1
+    pips = [line for line in sandbox.log.read_text().splitlines() if line.startswith("pip ")]
+    assert len(pips) == 2 and all("--retries 1 " in line for line in pips)
+
+
+@pytest.mark.parametrize("script", ["run.bash", "test.bash"])
+@pytest.mark.parametrize("system", ["msys", "cygwin"])
+def test_windows_is_told_of_wsl2(sandbox, script, system):
+    sandbox.env["OSTYPE"] = system
+    result = sandbox.run(sandbox.checkout / script)
+    assert (result.returncode, result.out) == (2, "")
+    assert_one_sentence(result.err)
+    assert "WSL2" in result.err and not (sandbox.checkout / ".venv").exists()
 
 
 @pytest.mark.skipif(not shutil.which("flock"), reason="there is no flock to wait with")

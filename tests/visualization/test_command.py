@@ -66,18 +66,18 @@ def test_a_page_that_opens_offline(folder, tmp_path, capsys):
 
 
 def test_a_page_links_to_the_report(folder, tmp_path, capsys):
-    run = tmp_path / "run"
+    run = tmp_path / "run #1"
     make_run(run, laps=1)
     (run / "report.html").write_text("a report")
     assert main([str(run), "--html", str(tmp_path / "replay.html")]) == 0
-    assert '[["report","run/report.html"]]' in (tmp_path / "replay.html").read_text()
+    assert '[["report","run%20%231/report.html"]]' in (tmp_path / "replay.html").read_text()
 
 
 @pytest.mark.parametrize(
     "args, words",
     [
         (["one", "none"], "none/race.json cannot be read"),
-        (["silent"], "has no flight in its race.mcap; name a race that was recorded"),
+        (["silent"], "has no race.mcap; name a race that was recorded"),
         (["one", "--lap", "2"], "--lap needs --align lap"),
         (["two", "--align", "lap", "--lap", "9"], "two has no lap 9, only 2; choose --lap 1 to 2"),
         (["one", "two", "--align", "lap", "--lap", "2"], "one has no lap 2, only 1; choose --al"),

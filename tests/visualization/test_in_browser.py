@@ -14,12 +14,15 @@ import pytest
 
 from airrace.commands.app import main as airrace
 from tests.visualization.browser import CHROMIUM, Browser
+from tests.visualization.layout import WIDTHS, check_page, check_panels
 from tests.worlds.cases import first
 from tests.worlds.made_up_run import FIRST, LAP, estimator_sigmas, make_run
 from tests.worlds.pictures import count_colours
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 CAMERAS = ("overview", "chase", "onboard", "gate", "free")
+# px, the height of the ring around the drone.
+RING = "airrace.halo.share * airrace.stage.canvas.clientHeight"
 SIZES = ((1280, 720), (1920, 1080), (390, 844))
 # Where the drone is on the screen, and how far from the camera (m).
 TOOLS = """
@@ -146,6 +149,11 @@ def test_the_live_page(browser, race, tmp_path):
     for one, other in zip(CAMERAS[:4], CAMERAS[1:4]):
         assert np.abs(views[one] - views[other]).mean() > 5.0, (one, other)
     assert browser.evaluate("airrace.timeline.pictures.length > 0")
+    for width, height in WIDTHS:
+        browser.resize(width, height)
+        browser.evaluate("seconds(0.5)")
+        check_panels(browser, width)
+    browser.resize(640, 400)
     assert browser.errors == []
     own = race.url.rstrip("/") + "/"
     assert {url for url in browser.requests if not url.startswith((own, "data:", "blob:"))} == set()
@@ -338,6 +346,66 @@ def test_what_a_client_knows_of_the_track_is_not_told(browser, folder):
     assert said == ["gates known2 of 3height1.5 m", "height1.5 m", "height1.5 m"]
 
 
+@pytest.mark.slow
+def test_panels_hold_at_every_width(browser, folder):
+    """With events and legend closed and open."""
+    open_replay(browser, folder / "race.html")
+    browser.evaluate("airrace.player.pause()")
+    for width, height in WIDTHS:
+        browser.resize(width, height)
+        browser.evaluate("airrace.player.jump(airrace.timeline.crossings.at(-1).t - 1)")
+        browser.evaluate("seconds(0.8)")
+        panels = check_panels(browser, width)
+        assert {"clock", "bar", "picture", "facts"} <= set(panels)
+        # The track is beside the column of panels.
+        right = browser.evaluate("""airrace.config.gates.map(({ pylons }) => Math.max(...pylons.map(
+            ([x, y]) => airrace.stage.onScreen([x, y, 5]).x))).reduce((a, b) => Math.max(a, b))""")
+        side = browser.evaluate("document.getElementById('side').getBoundingClientRect().left")
+        assert width < 700 or (right + 1) * width / 2 < side
+        assert browser.evaluate(RING) >= 33.0
+        for opened in ("events-button", "legend-button"):
+            browser.evaluate(f"document.getElementById('{opened}').click()")
+            assert check_panels(browser, width) != [] and "clock" in panels
+            browser.evaluate(f"document.getElementById('{opened}').click()")
+    browser.resize(640, 400)
+    assert browser.errors == []
+
+
+@pytest.mark.slow
+def test_events_are_all_there_in_order(browser, folder):
+    open_replay(browser, folder / "race.html")
+    browser.evaluate("airrace.player.pause(); airrace.player.jump(airrace.timeline.end)")
+    browser.resize(1600, 900)
+    browser.evaluate("seconds(0.5)")
+    times = browser.evaluate("airrace.timeline.events.map((each) => each.t)")
+    assert times == sorted(times) and len(times) > 14
+    shown = browser.evaluate("""[...document.querySelectorAll("#events li")].map((line) => {
+        const text = line.querySelector("span");
+        return [line.innerText, text.scrollWidth - text.clientWidth]; })""")
+    assert len(shown) == len(times) and "calibrate" in shown[-1][0]
+    assert max(cut for _, cut in shown) <= 0
+    crossing = browser.evaluate("""(async () => {
+        const { Timeline } = await import("airrace/timeline.js");
+        const timeline = new Timeline();
+        timeline.add({ events: [{ t: 2, text: "plan" }] });
+        timeline.add({ events: [{ t: 1, text: "gate" }] });
+        return timeline.events.map((each) => each.text);
+    })()""")
+    assert crossing == ["gate", "plan"]
+    browser.resize(640, 400)
+
+
+@pytest.mark.slow
+def test_the_report_opens_from_the_replay_as_a_file(browser, folder):
+    open_replay(browser, folder / "race.html")
+    browser.resize(1280, 720)
+    assert browser.evaluate("document.querySelector('#links a').href") == (
+        (folder / "report.html").as_uri()
+    )
+    assert browser.click("#links a") == (folder / "report.html").as_uri()
+    browser.resize(640, 400)
+
+
 @pytest.mark.repeats
 def test_every_camera_and_every_size(browser, folder, tmp_path):
     """Nothing is covered, nothing leaves the window, and a frame is not too much to draw."""
@@ -480,7 +548,7 @@ def test_replay_that_is_served(browser, tmp_path):
     ) as program:
         try:
             line = next(line for line in program.stdout if line.startswith("Watch it at "))
-            url = line.split()[3].rstrip(";")
+            url = line.split()[3]
             open_page(browser, url)
             look(browser, tmp_path / "replay.png")
             # Whether a browser asks for it, and when, is up to the browser.
@@ -493,6 +561,7 @@ def test_replay_that_is_served(browser, tmp_path):
 
 @pytest.mark.slow
 def test_report_html(browser, folder, tmp_path):
+    check_page(browser, (folder / "report.html").as_uri())
     open_offline(browser, folder / "report.html")
     look(browser, tmp_path / "report.png")
     assert (

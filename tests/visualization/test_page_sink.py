@@ -99,7 +99,7 @@ def test_what_happens_is_shown_once(shown):
         "take off: why",
         "plan for lap 1: 4.00 s",
         "fly to gate: why",
-        "gate 1, 0.25 m from its middle",
+        "gate 1: 0.25 m off its middle",
     ]
 
 

@@ -131,6 +131,12 @@ def test_where_to_watch():
     assert "Watch it at http://localhost:7100\n" in console.file.getvalue()
 
 
+def test_systems_of_ones_own_are_named():
+    console = plain()
+    Race(console, systems={"geometric_controller": "my_team:make"}).look(0.1)
+    assert "Your own: geometric_controller is my_team:make\n" in console.file.getvalue()
+
+
 def test_a_race_that_does_not_finish():
     console = plain()
     race = Race(console)

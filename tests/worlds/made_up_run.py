@@ -213,6 +213,8 @@ def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields
     """Writes the run into a folder that it creates; returns the folder."""
     folder.mkdir(parents=True)
     scenario = Scenario(laps=laps, **fields)
+    if not recorded:
+        scenario.recording.content = "none"
     (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
     (folder / "race.json").write_text(json.dumps(race_json(laps, finished)))
     if recorded:

@@ -5,5 +5,5 @@ from airrace.hitl.link.socket_bus import SocketBus
 
 def drain(bus: SocketBus) -> None:
     """Hands over all messages that have come."""
-    while bus.handle_timeout(0):
+    while bus.hand_over():
         pass

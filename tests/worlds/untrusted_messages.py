@@ -17,6 +17,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.hitl.link import message_socket
+from airrace.hitl.link.datagrams import Assembler, datagrams
 from airrace.hitl.link.endpoint import Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.link.socket_bus import SocketBus
@@ -40,7 +41,8 @@ class _Link:
     """Both ends of a link in one process, which have heard each other."""
 
     def __init__(self):
-        self.air, self.sent = SimulatedLink(LinkConfig()), 0
+        self.air, self.assembler = SimulatedLink(LinkConfig()), Assembler()
+        self.assembler.limits[_MAP.name] = _MAP.max_size
         self.simulation, self.autonomy = (
             Endpoint(role, ROWS, self.air.bus(), clock=self.air.clock)
             for role in ("simulation", "autonomy")
@@ -60,15 +62,22 @@ class _Link:
 _link = functools.cache(_Link)
 
 
+def _datagram(data: bytes) -> bytes:
+    """Returns the first datagram of a message."""
+    return next(datagrams(_MAP.name, data, 1))
+
+
 def _make_lcm(folder: Path) -> Path:
-    (folder / "message").write_bytes(_link().publish())
-    return folder / "message"
+    (folder / "datagram").write_bytes(_datagram(_link().publish()))
+    return folder / "datagram"
 
 
-def _mutated_lcm(rng: Random, data: bytes) -> bytes:
+def _mutated_lcm(rng: Random, datagram: bytes) -> bytes:
     """Returns other bytes, often with a checksum that is right: then somebody means it."""
-    data = mutated_bytes(rng, data)
-    return data if rng.random() < 0.2 else _with_checksum(data)
+    if rng.random() < 0.3:
+        return mutated_bytes(rng, datagram)
+    data = mutated_bytes(rng, datagram[len(_datagram(b"")) :])
+    return _datagram(data if rng.random() < 0.2 else _with_checksum(data))
 
 
 def _with_checksum(data: bytes) -> bytes:
@@ -77,7 +86,11 @@ def _with_checksum(data: bytes) -> bytes:
 
 
 def _receive_lcm(path: Path) -> None:
-    link, data = _link(), path.read_bytes()
+    link = _link()
+    message = link.assembler.take(memoryview(path.read_bytes()), "others")
+    if link.assembler.take(memoryview(_datagram(b"sound")), "others") is None:
+        raise WrongResult("no datagram is taken any more")
+    _, data = message or ("", b"")
     if data == _with_checksum(data):  # whoever means it also knows the session and the next number
         whose = struct.pack(">qq", link.autonomy.session, link.autonomy.sequence(_MAP.name) + 1)
         data = _with_checksum(data[:_AT_SESSION] + whose + data[_AT_SESSION + len(whose) :])
@@ -199,7 +212,7 @@ def _receive_stream(path: Path) -> None:
 
 
 MESSAGES = (
-    Kind("message over LCM", _make_lcm, _mutated_lcm, _receive_lcm),
+    Kind("datagram over LCM", _make_lcm, _mutated_lcm, _receive_lcm),
     Kind("datagram of MAVLink", _make_mavlink, _mutated_mavlink, _receive_mavlink),
     Kind("what a browser sends", _make_page, mutated_bytes, _receive_page),
     Kind("what an entry sends", _make_stream, mutated_bytes, _receive_stream),

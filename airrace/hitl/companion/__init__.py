@@ -15,6 +15,8 @@ from pathlib import Path
 
 # The folder, in the one that start() makes, that the autonomy writes to.
 OUTPUT = "output"
+# The variable with the number of the process that an autonomy on this computer ends with.
+PARENT = "AIRRACE_PARENT"
 # What the autonomy prints on a line of its own once it listens.
 READY = "airrace: autonomy ready"
 

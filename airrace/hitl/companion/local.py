@@ -13,7 +13,7 @@ from airrace.common.errors import UserError
 from airrace.common.held_folders import temporary_folder
 from airrace.common.patience import patient
 from airrace.common.python_path import module_command
-from airrace.hitl.companion import OUTPUT, Autonomy, Companion
+from airrace.hitl.companion import OUTPUT, PARENT, Autonomy, Companion
 
 
 class LocalCompanion(Companion):
@@ -29,6 +29,7 @@ class LocalCompanion(Companion):
             for name, contents in files.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
+                path.touch(0o600)  # one may be a key
                 path.write_bytes(contents)
             self._running.append(LocalAutonomy(arguments, folder, held, log))
         except OSError as e:
@@ -65,6 +66,7 @@ class LocalAutonomy(Autonomy):
                 stdout=written,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                env={**os.environ, PARENT: str(os.getpid())},
             )
         self._lines = open(folder / "log", encoding="utf-8", errors="replace")
 

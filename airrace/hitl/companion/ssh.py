@@ -162,7 +162,7 @@ class SshConnection:
         with tarfile.open(fileobj=stream, mode="w") as archive:
             for path, data in files.items():
                 info = tarfile.TarInfo(path)
-                info.size = len(data)
+                info.size, info.mode = len(data), 0o600  # one may be a key
                 archive.addfile(info, io.BytesIO(data))
         script = 'mkdir -p "$0" && tar -x -m -o -f - -C "$0"'
         code, _, error = self.run(["sh", "-c", script, folder], stream.getvalue())

@@ -4,30 +4,24 @@ import collections
 import contextlib
 import dataclasses as dc
 import os
-import select
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
-import lcm
-
-from airrace.common.errors import UserError
 from airrace.hitl.link import packets
+from airrace.hitl.link.bus import Bus, Subscription
 from airrace.hitl.link.clock import PeerClock
-from airrace.hitl.link.socket_bus import SocketBus
+from airrace.hitl.link.partners import AUTONOMY as AUTONOMY
+from airrace.hitl.link.partners import SIMULATION as SIMULATION
+from airrace.hitl.link.partners import Partner, Partners
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.lcmtypes import lcmt_heartbeat
 
-if TYPE_CHECKING:
-    from airrace.hitl.link.simulated_bus import SimulatedBus
-
-SIMULATION, AUTONOMY = "simulation", "autonomy"  # the roles
 HEARTBEAT = "AIRRACE_HEARTBEAT"
 HEARTBEAT_PERIOD = 0.05  # s
 # The loopback of this computer alone. Whoever wants more says so.
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
-_BUFFER = 4 << 20  # bytes; the usual 208 KiB lose most of the larger pictures
-_QUEUE = 4000  # messages that wait at most
+_QUEUE = 4000  # messages that wait for their time at most
 _MOST_AHEAD = 1_000_000  # of the sequence number, beyond which it is made up
 _LONG_AGO = 1.0  # s, by which a message may be sent before the newest and still count
 _OLD_ECHO = 3.0  # s, age of the heartbeat of ours that a new session answers
@@ -44,6 +38,10 @@ class Channel:
     sender: str  # the role that sends on it, "simulation" or "autonomy"
     decode: Callable[[Any], Any]  # from a message to a value; may raise Dropped
     timed: bool = False  # whether what comes early waits until the time of its stamp
+    max_size: int = 1 << 20  # of a message (bytes)
+    most_waiting: int = 100  # messages that wait to be received, the newest
+    # Whether what waits is decoded at all if a newer message is there, which passes the same checks
+    newest_wins: bool = False
 
 
 @dc.dataclass(frozen=True)
@@ -55,25 +53,18 @@ class Received:
     arrival: float
 
 
+class _Arrived(NamedTuple):
+    """A message that is not decoded yet."""
+
+    channel: Channel
+    data: bytes
+    stamp: packets.Stamp
+    arrival: float  # by the endpoint's clock (s)
+    missing: int  # messages between the one before and it that have not come
+
+
 # What is heard before the first: infinitely long ago, of no phase, and saying nothing.
 _NO_HEARTBEAT = Received(lcmt_heartbeat(), packets.Stamp(0, 0, 0.0), float("-inf"))
-
-
-def open_lcm(url: str) -> lcm.LCM:
-    """Returns an LCM at a URL; for UDP with a receive buffer large enough for pictures.
-
-    Raises UserError if it cannot be opened.
-    """
-    if url.startswith("udpm://") and "recv_buf_size" not in url:
-        url += ("&" if "?" in url else "?") + f"recv_buf_size={_BUFFER}"
-    # What is wrong, LCM itself prints to standard error.
-    try:
-        return lcm.LCM(url)
-    except RuntimeError:
-        raise UserError(
-            f"--lcm_url {url} cannot be opened: it must be like udpm://239.255.76.67:7667?ttl=0, "
-            "and there must be a multicast route (ip route add 224.0.0.0/4 dev INTERFACE)."
-        ) from None
 
 
 class Endpoint:
@@ -83,23 +74,26 @@ class Endpoint:
         self,
         role: str,
         channels: Iterable[Channel],
-        bus: "lcm.LCM | SimulatedBus | SocketBus",
+        bus: Bus,
         clock: Callable[[], float] = time.monotonic,
         session: int | None = None,
+        me: Partner | None = None,
     ):
         """Constructs the endpoint, which listens from now on.
 
         Args:
             channels: all Channels of the link; it receives on those of the other side.
-            bus: from open_lcm(), or a SocketBus; in tests, two endpoints may share a memq.
+            bus: to the other side.
             session: of another endpoint with the same role and clock that speaks for this one,
                 too: it sends the heartbeats, and neither sends on a channel of the other's.
+            me: what the heartbeats say of this side; None: of no race, and any other side will do.
         """
         self.role = role
         self.session = session or int.from_bytes(os.urandom(7)) | 1
         self.peer = 0  # session of the other side, 0 while unknown
         self.peer_heartbeat = _NO_HEARTBEAT  # the newest
-        self._stranger = None  # Received, a heartbeat of another session
+        self._stranger = None  # Received, a heartbeat of another session that may be let in
+        self.partners = Partners(role, me or Partner())
         self.clock = PeerClock()
         self.statistics = {}  # name of a channel to ChannelStatistics
         self._bus = bus
@@ -113,7 +107,8 @@ class Endpoint:
         self._keep: Callable[[str, Received], object] | None = None
         self._is_known: Callable[[str, int], bool] = lambda channel, sequence: False
         self._beaten = float("-inf")  # when beat() last sent, s
-        self._subscriptions = {}  # by channel
+        self._waiting: dict[str, _Arrived] = {}  # what is to be decoded
+        self._subscriptions: dict[str, Subscription] = {}  # by channel
         for channel in channels:
             if channel.sender != role:
                 self._subscribe(channel)
@@ -121,11 +116,12 @@ class Endpoint:
 
     def _subscribe(self, channel: Channel) -> None:
         self.statistics[channel.name] = ChannelStatistics()
-        subscription = self._bus.subscribe(
-            channel.name, lambda _, data: self._receive(channel, data)
+        self._subscriptions[channel.name] = self._bus.subscribe(
+            channel.name,
+            lambda _, data: self._receive(channel, data),
+            max_size=channel.max_size,
+            most_waiting=channel.most_waiting,
         )
-        subscription.set_queue_capacity(_QUEUE)
-        self._subscriptions[channel.name] = subscription
 
     def only(self, channels: Iterable[str]) -> None:
         """Receives nothing any more but heartbeats, and what comes on some channels, by name."""
@@ -166,8 +162,9 @@ class Endpoint:
     ) -> bytes:
         """Sends a heartbeat; see lcmt_heartbeat. ``belongs``: channel to sequence number."""
         message = lcmt_heartbeat()
-        message.role, message.phase, message.text = self.role, phase, text
-        message.step = step
+        self.partners.phase = phase
+        self.partners.introduce(message, self.now())
+        message.text, message.step = text, step
         message.sent = round(self.now() * 1e9)
         heard = self.peer_heartbeat
         if self._stranger is not None and self.silence > _DOUBT:
@@ -180,6 +177,12 @@ class Endpoint:
         message.channels, message.sequences = list(belongs), list(belongs.values())
         return self.publish(HEARTBEAT, message, sim_time)
 
+    def join(self, race: str) -> None:
+        """Is of a race from now on, and forgets an other side that is not."""
+        self.partners.me.race = race
+        if self.peer and self.peer_heartbeat.value.race != race:
+            self.peer, self.peer_heartbeat = 0, _NO_HEARTBEAT
+
     def beat(self, phase: str, sim_time: float, text: str = "") -> bool:
         """Sends a heartbeat if it is time for one; returns whether it was."""
         if self.now() - self._beaten < HEARTBEAT_PERIOD:
@@ -191,10 +194,7 @@ class Endpoint:
     def wait(self, timeout: float) -> None:
         """Waits until there is something to drain, at most some time (s)."""
         if timeout > 0.0:
-            if isinstance(self._bus, SocketBus):
-                self._bus.wait(timeout)
-            else:
-                select.select([self._bus], [], [], timeout)  # type: ignore[type-var]
+            self._bus.wait(timeout)
 
     def drain(self) -> None:
         """Receives the messages that wait, the oldest first. Never raises.
@@ -203,8 +203,10 @@ class Endpoint:
         than the other side takes to send, there would be no end, and nothing else had a turn.
         """
         end = self.now() + _DRAINING
-        while self._bus.handle_timeout(0) and self.now() < end:
+        while self._bus.hand_over() and self.now() < end:
             pass
+        while self._waiting:
+            self._decode(self._waiting.popitem()[1])
 
     def keep_all(
         self, keep: Callable[[str, Received], object], is_known: Callable[[str, int], bool]
@@ -215,6 +217,11 @@ class Endpoint:
         decoded again, which may take longer than until its next copy comes.
         """
         self._keep, self._is_known = keep, is_known
+
+    def summary(self) -> dict:
+        """Returns counts and timing of all channels, and counts of datagrams, for race.json."""
+        channels = {name: each.summary() for name, each in self.statistics.items()}
+        return {"channels": channels, "datagrams": self._bus.summary()}
 
     def show(self, channel: str, received: Received) -> None:
         """Makes something that was kept the newest on its channel."""
@@ -236,28 +243,46 @@ class Endpoint:
         return self.now() - self.peer_heartbeat.arrival
 
     def _receive(self, channel: Channel, data: bytes) -> None:
-        arrival, clock = self.now(), time.perf_counter()
-        statistics = self.statistics[channel.name]
+        """Checks what has come as far as that is quick, and decodes it, now or after the others."""
+        arrival, statistics = self.now(), self.statistics[channel.name]
         try:
             stamp = packets.stamp_of(data)
             if channel.name == HEARTBEAT:
                 message = packets.decode(data, channel.message_type)
+                if stamp.session not in (self.session, self.peer):
+                    self.partners.notice(message, arrival)
                 if message.role == self.role:
                     return  # our own, or of a second process with this role
                 self._check_heartbeat(message, stamp, arrival)
             last = self._check(channel.name, stamp)
             if channel.timed and stamp.time > self._sim_time + _LONG_AGO:
                 raise packets.Dropped(packets.MALFORMED)  # it would block all others
-            if channel.name != HEARTBEAT:
-                message = packets.decode(data, channel.message_type)
-            value = channel.decode(message)
+        except packets.Dropped as e:
+            statistics.drop(e.args[0])
+            return
+        missing = max(stamp.sequence - last - 1, 0) if last else 0
+        arrived = _Arrived(channel, data, stamp, arrival, missing)
+        if not channel.newest_wins or self._keep is not None:
+            self._decode(arrived)
+            return
+        if channel.name in self._waiting:
+            statistics.drop(packets.OVERTAKEN)
+        self._waiting[channel.name] = arrived
+
+    def _decode(self, arrived: "_Arrived") -> None:
+        channel, data, stamp, arrival, missing = arrived
+        clock, statistics = time.perf_counter(), self.statistics[channel.name]
+        try:
+            if stamp.session != self.peer:  # any more
+                raise packets.Dropped(packets.FOREIGN)
+            value = channel.decode(packets.decode(data, channel.message_type))
         except packets.Dropped as e:
             statistics.drop(e.args[0])
             return
         except (Exception, SystemExit):  # Drake's assertions become SystemExit
             statistics.drop(packets.MALFORMED)
             return
-        self._last[channel.name] = max(last, stamp.sequence)
+        self._last[channel.name] = max(self._last.get(channel.name, 0), stamp.sequence)
         self._newest_time = max(self._newest_time, stamp.time)
         received = Received(value, stamp, arrival)
         if self._keep is None and channel.timed:
@@ -271,15 +296,16 @@ class Endpoint:
             self.peer_heartbeat = received
             self.clock.add_heartbeat(value, arrival)
         self.clock.add_stamp(stamp.time, arrival)
-        age, missing = self.clock.age(stamp.time, arrival), max(stamp.sequence - last - 1, 0)
         decoding = time.perf_counter() - clock
-        statistics.add(missing if last else 0, len(data), age, arrival, decoding)
+        age = self.clock.age(stamp.time, arrival)
+        statistics.add(missing, len(data), age, arrival, decoding)
 
     def _check(self, name: str, stamp: packets.Stamp) -> int:
         """Returns the sequence number before on the channel; raises Dropped."""
         if stamp.session != self.peer:
             raise packets.Dropped(packets.FOREIGN)
-        last = self._last.get(name, 0)
+        waiting, last = self._waiting.get(name), self._last.get(name, 0)
+        last = max(last, waiting.stamp.sequence) if waiting else last
         replayed = self._keep is None or self._is_known(name, stamp.sequence)
         if stamp.sequence <= last and replayed:
             raise packets.Dropped(packets.REPLAYED)
@@ -295,10 +321,12 @@ class Endpoint:
         The proof is that it has just received a heartbeat of ours: a recording of an earlier
         run names another session of ours, one of this run an old time. A process that has
         received none yet is answered by our next heartbeat, unless the known other side is
-        alive. Raises Dropped.
+        alive. See also Partners.admits(). Raises Dropped.
         """
         if stamp.session == self.peer:
             return
+        if not self.partners.admits(message):
+            raise packets.Dropped(packets.FOREIGN)
         fresh = 0.0 <= arrival - message.peer_sent * 1e-9 < _OLD_ECHO
         if message.peer != self.session or not fresh:
             self._stranger = Received(message, stamp, arrival)

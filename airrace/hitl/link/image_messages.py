@@ -35,15 +35,20 @@ def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_picture
     return message
 
 
-def decode_pictures(message: lcmt_pictures) -> tuple[dict, float]:
+def decode_pictures(
+    message: lcmt_pictures, shape: tuple[int, int] | None = None
+) -> tuple[dict, float]:
     """Returns what encode_pictures() was given: pictures and time.
 
-    A JPEG's are a little different. Nothing is decompressed that claims to be
-    larger than any camera's picture.
+    A JPEG's are a little different. Nothing is decompressed that is not of the camera's size.
+
+    Args: shape: (h, w) that each picture must have, else Dropped is raised; None: of any camera.
     """
     check_finite(message.time)
     images = {image.header.frame_name: image for image in message.images.images}
     if not images or len(images) < message.images.num_images or not images.keys() <= {GREY, COLOUR}:
+        raise Dropped(MALFORMED)
+    if shape and any((image.height, image.width) != shape for image in images.values()):
         raise Dropped(MALFORMED)
     return {name: _decoded(image, name) for name, image in images.items()}, message.time
 

@@ -9,6 +9,8 @@ from airrace.common.errors import UserError
 from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD, Endpoint
+from airrace.hitl.link.link_key import UNSIGNED
+from airrace.hitl.link.packets import MALFORMED
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import Context
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
 _LONGEST_PAUSE = 2.0  # s; from one time to the next, the pause doubles
 _PATIENCE = 120.0  # s: planning a lap takes its time
+_LAST_HEARTBEATS = 5
 
 
 class PeerLost(Exception):
@@ -148,7 +151,6 @@ class Exchange:
 def await_peer(
     endpoint: Endpoint,
     phase: str,
-    text: str = "",
     *,
     expected: str | None = None,
     timeout: float,
@@ -162,13 +164,14 @@ def await_peer(
             patient() makes it longer.
         poll: called now and then; may raise.
 
-    Raises UserError if it does not come.
+    Raises UserError if it does not come, if there is another race, or if the other side has
+    another scenario or another airrace.
     """
     timeout = patient(timeout)
     start = endpoint.now()
     while True:
         now = endpoint.now()
-        endpoint.beat(phase, 0.0, text)
+        endpoint.beat(phase, 0.0)
         endpoint.wait(HEARTBEAT_PERIOD / 5)
         endpoint.drain()
         poll()
@@ -176,15 +179,40 @@ def await_peer(
         if endpoint.silence < 1.0:
             if heard.value.phase == (expected or phase):
                 # The echo of what was heard: until it comes, the other side drops all we send.
-                endpoint.send_heartbeat(phase, 0.0, text)
+                endpoint.send_heartbeat(phase, 0.0)
                 return
             if heard.value.phase in (phases.TESTING, phases.COMPILING):
                 start = now  # which may take longer than this side waits
+        if endpoint.peer == 0 and (objection := endpoint.partners.objection(endpoint.now())):
+            for _ in range(_LAST_HEARTBEATS):  # so that the other side knows why, too
+                endpoint.send_heartbeat(phase, 0.0)
+            raise UserError(objection)
         if now - start > timeout:
-            other = "autonomy" if endpoint.role == "simulation" else "simulation"
-            raise UserError(
-                f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
-                "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
-                "and the firewall; airrace doctor --link tells more. For a slow computer, set "
-                f"{VARIABLE}."
-            )
+            raise UserError(_in_vain(endpoint, timeout))
+
+
+def _in_vain(endpoint: Endpoint, timeout: float) -> str:
+    """Returns a sentence on why the other side has not come within a time (s)."""
+    other, heard = endpoint.partners.other, endpoint.peer_heartbeat.value
+    slow = f"For a slow computer, set {VARIABLE}."
+    if endpoint.silence < 1.0:
+        what = f"{heard.phase}: {heard.text}" if heard.text else heard.phase
+        return (
+            f"The {other} runs, but does not get ready within {timeout:.0f} s: it says "
+            f"{what[:200]}; see what it prints. {slow}"
+        )
+    if endpoint.statistics[HEARTBEAT].dropped[MALFORMED]:
+        return (
+            f"No {other} answered within {timeout:.0f} s, but something at this --lcm_url sends "
+            "heartbeats of another airrace: give both sides the same version."
+        )
+    if UNSIGNED in endpoint.summary()["datagrams"].get("dropped", {}):
+        return (
+            f"No {other} answered within {timeout:.0f} s, but something at this --lcm_url sends "
+            "what is not signed with this --link_key: give both sides the same file."
+        )
+    return (
+        f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
+        "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
+        f"and the firewall; airrace doctor --link tells more. {slow}"
+    )

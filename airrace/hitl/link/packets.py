@@ -16,7 +16,7 @@ NOT_FINITE = "not finite"
 FOREIGN = "of another session"
 REPLAYED = "replayed or reordered"
 STALE = "stale"
-REASONS = (MALFORMED, OVERSIZED, NOT_FINITE, FOREIGN, REPLAYED, STALE)
+OVERTAKEN = "overtaken"
 
 _HEADER = struct.Struct(">8siiqqd")  # fingerprint, and lcmt_header
 _UNDER_CRC = 12  # bytes before what the checksum is of

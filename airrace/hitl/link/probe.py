@@ -12,19 +12,26 @@ from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.packets import MAX_SIZE
+from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.statistics import ChannelStatistics
 
 if TYPE_CHECKING:
-    import lcm
-
-    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.hitl.link.bus import Bus
     from airrace.scenario import Scenario
 
 PICTURE, STATE, COMMAND, STATUS = (
     f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
 )
 CHANNELS = (
-    Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures),
+    Channel(
+        PICTURE,
+        lcmtypes.lcmt_pictures,
+        SIMULATION,
+        image_messages.decode_pictures,
+        max_size=MAX_SIZE,
+        most_waiting=8,
+    ),
     Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.ROTORS.decode),
     Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.ROTORS.decode),
     Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message),
@@ -63,21 +70,22 @@ class LinkFindings:
 
 
 def measure(
-    bus: "lcm.LCM | SimulatedBus",
+    bus: "Bus",
     scenario: "Scenario",
     duration: float,
     poll: Callable[[], object] = lambda: None,
     show: Callable[[float], object] = lambda share: None,
     patience: float = 60.0,
+    me: Partner | None = None,
 ) -> LinkFindings:
     """Returns how a link does, with an autonomy that waits at its other end.
 
     Args: poll: called now and then; may raise. show: called with the share of the test that is
-    over. patience: how long to wait for the autonomy (s).
+    over. patience: how long to wait for the autonomy (s). me: see Endpoint.
 
     Raises UserError if there is no autonomy.
     """
-    endpoint = Endpoint(SIMULATION, CHANNELS, bus)
+    endpoint = Endpoint(SIMULATION, CHANNELS, bus, me=me)
     try:
         await_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
         return _Test(endpoint, scenario).run(duration, poll, show)

@@ -4,7 +4,7 @@ import dataclasses as dc
 import heapq
 import itertools
 
-from airrace.hitl.link.socket_bus import Bus
+from airrace.hitl.link.bus import Bus
 from airrace.math.random import make_generator
 
 
@@ -59,7 +59,7 @@ class SimulatedLink:
 
 
 class SimulatedBus(Bus):
-    """Stands in for an lcm.LCM: what has arrived lies here until it is handled."""
+    """One computer's end of a link: what has arrived lies here until it is handed over."""
 
     def __init__(self, link: SimulatedLink):
         """See SimulatedLink.bus()."""
@@ -69,17 +69,16 @@ class SimulatedBus(Bus):
 
     def enqueue(self, message: tuple) -> None:
         """Takes a message that is under way: (arrival, order, channel, data)."""
-        if any(s.channel == message[2] for s in self._subscriptions):
+        if self.hears(message[2]):
             heapq.heappush(self._messages, message)
 
     def publish(self, channel: str, data: bytes) -> None:
         """Sends a message, or loses it."""
         self._link.send(channel, data)
 
-    def handle_timeout(self, _: int) -> int:
-        """Hands over the next message that has arrived; returns whether there was one."""
+    def hand_over(self) -> bool:
         if not self._messages or self._messages[0][0] > self._link.time:
-            return 0
+            return False
         _, _, channel, data = heapq.heappop(self._messages)
         self._take(channel, data)
-        return 1
+        return True

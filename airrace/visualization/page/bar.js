@@ -27,7 +27,9 @@ export class Bar {
       button.dataset.view = view;
       button.onclick = () => cameras.choose(view);
       element("views").append(button);
+      element("view").append(new Option(text, view));
     }
+    element("view").onchange = (event) => cameras.choose(event.target.value);
     cameras.addEventListener("change", () => this.showView());
     player.addEventListener("change", () => this.showState());
     feed?.addEventListener("change", () => this.showState());
@@ -64,6 +66,7 @@ export class Bar {
   }
 
   showView() {
+    element("view").value = this.cameras.view;
     for (const button of element("views").children) {
       button.ariaPressed = String(button.dataset.view === this.cameras.view);
     }

@@ -13,30 +13,40 @@ export const CAMERAS = {
 };
 const BEHIND = 5.0, ABOVE = 1.7, AHEAD = 3.0; // m, of the chasing camera
 const TURN = 0.7; // s, over which its heading is averaged
+const FOV = 75; // degrees, of the overview
 const CUT = 0.9; // s, from a gate to the next gate's camera
 
 const sum = (a, b, factor = 1) => a.map((each, i) => each + factor * b[i]);
 const distance = (a, b) => Math.hypot(...sum(a, b, -1));
 
+// How much of the window's width the column of panels takes (px); on a phone, it is but a corner.
+function columnWidth() {
+  const { offsetWidth, offsetHeight } = document.getElementById("side");
+  return offsetHeight > 0.5 * window.innerHeight ? offsetWidth + 12 : 0;
+}
+
 export class Cameras extends EventTarget {
   constructor(stage, timeline, config) {
     super();
-    Object.assign(this, { stage, timeline, config, view: OVERVIEW });
+    // held: whether a hand has moved the overview.
+    Object.assign(this, { stage, timeline, config, view: OVERVIEW, held: false });
     // A hand on the picture takes the camera.
-    stage.canvas.addEventListener("pointerdown", () => {
-      if (this.view !== OVERVIEW) this.choose(FREE);
-    });
-    stage.canvas.addEventListener("wheel", () => {
-      if (this.view !== OVERVIEW) this.choose(FREE);
-    }, { passive: true });
+    for (const kind of ["pointerdown", "wheel"]) {
+      stage.canvas.addEventListener(kind, () => this.hold(), { passive: true });
+    }
     window.addEventListener("resize", () => {
       if (this.view === OVERVIEW) this.overview();
     });
     this.overview();
   }
 
+  hold() {
+    this.held = true;
+    if (this.view !== OVERVIEW) this.choose(FREE);
+  }
+
   choose(view) {
-    this.view = view;
+    [this.view, this.held] = [view, false];
     this.stage.viewer.controls.enabled = this.mouse;
     if (view === OVERVIEW) this.overview();
     if (view === FREE) this.free();
@@ -50,10 +60,18 @@ export class Cameras extends EventTarget {
   }
 
   overview() {
-    const { eye, middle } = this.config.overview;
-    // A narrow window shows less to the sides: step back.
-    const factor = Math.max(1, 1.25 / this.stage.aspect);
-    this.stage.look({ eye: sum(middle, sum(eye, middle, -1), factor), target: middle });
+    const { eye, middle } = this.config.overview, back = sum(eye, middle, -1);
+    const { clientWidth: width, clientHeight: height } = this.stage.canvas;
+    // The track is about this wide. In a narrow window, step back; and to the side, so that it is
+    // beside the column of panels.
+    const wide = 1.25 * height, free = width - columnWidth();
+    const factor = Math.max(1, wide / free);
+    const covered = wide / factor / 2 - (free - width / 2);
+    const aside = Math.min(Math.max(covered, 0), (width - free) / 2);
+    const far = factor * Math.hypot(...back) * Math.tan((FOV * Math.PI) / 360);
+    const scale = (2 * far * aside) / Math.max(height, 1) / Math.hypot(back[0], back[1]);
+    const target = sum(middle, [-back[1], back[0], 0], scale);
+    this.stage.look({ eye: sum(target, back, factor), target, fov: FOV });
   }
 
   // Keeps the view, upright, as a start for the mouse.
@@ -61,7 +79,7 @@ export class Cameras extends EventTarget {
     const { camera, controls } = this.stage.viewer;
     const here = camera.position.clone();
     camera.up.set(0, 1, 0);
-    camera.fov = 75;
+    camera.fov = FOV;
     camera.updateProjectionMatrix();
     if (here.distanceTo(controls.target) < 2) {
       const ahead = new this.stage.THREE.Vector3();
@@ -73,7 +91,9 @@ export class Cameras extends EventTarget {
   // Moves the camera to where it belongs at a time.
   update(now, gate) {
     if (!now) return;
-    if (this.view === CHASE) this.stage.look(this.chase(now));
+    // Drake's server says from where it would look, when it likes.
+    if (this.view === OVERVIEW && !this.held) this.overview();
+    else if (this.view === CHASE) this.stage.look(this.chase(now));
     else if (this.view === ONBOARD) this.stage.look(this.onboard(now));
     else if (this.view === GATE) this.stage.look(this.gate(now, gate));
   }

@@ -25,9 +25,11 @@ function drawSplit({ split, t }, config) {
   box.hidden = !split || split.split === undefined || t - split.at > SPLIT_TIME;
   if (box.hidden) return;
   const gate = `gate ${(split.gate % config.gates.length) + 1}`;
+  const delta = split.delta === null ? "" : `${signed(split.delta)} s to best`;
   box.className = `split ${split.kind}`;
-  const delta = split.delta === null ? "" : `  ${signed(split.delta)}`;
-  box.textContent = `${gate}  ${seconds(split.split)}${delta}`;
+  const small = document.createElement("small");
+  small.textContent = delta;
+  box.replaceChildren(`${gate}: ${seconds(split.split)} s `, small);
 }
 
 export function drawLaps({ laps, lapTime }) {
@@ -38,7 +40,7 @@ export function drawLaps({ laps, lapTime }) {
     const { delta, kind } = lap.compared;
     const comparable = delta !== null && lap.splits.length > 1;
     const cells = [
-      [`lap ${lap.lap}`, ""],
+      [String(lap.lap), ""],
       [running ? seconds(lapTime, 1) : seconds(lap.time), lap.best ? "best" : ""],
       [comparable ? signed(delta) : "", kind],
       [lap.best ? "best" : lap.plan ? `plan of lap ${lap.plan}` : "", ""],
@@ -50,5 +52,6 @@ export function drawLaps({ laps, lapTime }) {
     }
     return row;
   });
+  document.querySelector("#laps thead").hidden = !rows.length;
   document.querySelector("#laps tbody").replaceChildren(...rows);
 }

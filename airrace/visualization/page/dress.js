@@ -1,7 +1,10 @@
 // What makes the scene a place: sun and shadows, ground to the horizon, haze, numbers on gates.
+import { rotated } from "airrace/timeline.js";
 
 const GATE_TOP = 14.2, NUMBER = 3.4; // m, height of a number's middle, and its size
 const FAR = 4000; // m, that the ground reaches
+const SEEN = 10; // m, from where on a drone can be seen itself
+const LEAST = 34; // px, of the ring around it
 
 // Returns a sprite with something painted on it: paint(context, size) on a square canvas.
 export function painted(stage, size, paint, options = {}) {
@@ -119,14 +122,17 @@ function number(context, text, isNext) {
   context.fillText(String(text), 64, 69);
 }
 
-// A ring around a drone that keeps its size on the screen, and the drone's shadow.
+// What shows where a drone is, however far: a ring around it, which keeps its size on the screen, and
+// in the ring a dart as on the map, until the drone itself can be seen; and the drone's shadow.
 export class Halo {
   constructor(stage, color) {
     const { THREE } = stage;
     this.stage = stage;
-    this.sprite = painted(stage, 128, () => {}, { depthTest: false, sizeAttenuation: false });
+    [this.ring, this.dart] = [0, 1].map(() => {
+      return painted(stage, 128, () => {}, { depthTest: false, sizeAttenuation: false });
+    });
+    [this.ring.renderOrder, this.dart.renderOrder] = [10, 11];
     this.paint(color);
-    this.sprite.renderOrder = 10;
     this.shadow = new THREE.Mesh(
       new THREE.CircleGeometry(1, 24),
       new THREE.MeshBasicMaterial({ color: 0x0a140a, transparent: true, depthWrite: false,
@@ -136,7 +142,8 @@ export class Halo {
   }
 
   paint(color) {
-    this.sprite.repaint((context) => {
+    this.dart.repaint((context) => dart(context, color));
+    this.ring.repaint((context) => {
       context.strokeStyle = "rgba(10, 16, 24, 0.55)";
       context.lineWidth = 18;
       context.beginPath();
@@ -148,15 +155,41 @@ export class Halo {
     });
   }
 
-  place(p, near) {
-    this.sprite.visible = !near;
-    this.sprite.position.set(...p);
-    // As high as 5 % of the window, or of its width if that is less.
-    const size = 0.1 * Math.min(1, this.stage.aspect) * Math.tan((this.stage.viewer.camera.fov * Math.PI) / 360);
-    this.sprite.scale.set(size, size, 1);
+  // p, q: of the drone. near: whether it is so near that it needs nothing around it.
+  place({ p, q }, near) {
+    const { stage } = this, { camera } = stage.viewer;
+    const size = 2 * Math.tan((camera.fov * Math.PI) / 360) * this.share;
+    for (const sprite of [this.ring, this.dart]) {
+      sprite.visible = !near;
+      sprite.position.set(...p);
+      sprite.scale.set(size, size, 1);
+    }
+    const nose = rotated(q, [1, 0, 0]).map((each, k) => each + p[k]);
+    const [a, b] = [stage.onScreen(p), stage.onScreen(nose)];
+    this.dart.material.rotation = Math.atan2(b.y - a.y, (b.x - a.x) * stage.aspect);
+    const away = stage.world(p).distanceTo(camera.position);
+    this.dart.material.opacity = Math.min(Math.max((away - SEEN) / SEEN, 0), 1);
     const height = Math.max(p[2], 0), radius = 0.35 + 0.04 * height;
     this.shadow.position.set(p[0], p[1], 0.03);
     this.shadow.scale.set(radius, radius, 1);
     this.shadow.material.opacity = 0.5 / (1 + 0.15 * height);
   }
+
+  // What of the window's height it takes: 5 %, or of its width if that is less; on a phone, more.
+  get share() {
+    const { aspect, canvas } = this.stage;
+    return Math.max(0.05 * Math.min(1, aspect), LEAST / Math.max(canvas.clientHeight, 1));
+  }
+}
+
+function dart(context, color) {
+  context.beginPath();
+  for (const [x, y] of [[98, 64], [40, 92], [50, 64], [40, 36]]) context.lineTo(x, y);
+  context.closePath();
+  context.lineJoin = "round";
+  context.lineWidth = 10;
+  context.strokeStyle = "#101820";
+  context.fillStyle = color;
+  context.stroke();
+  context.fill();
 }

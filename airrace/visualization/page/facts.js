@@ -2,8 +2,6 @@
 import { countUntil, last } from "airrace/timeline.js";
 import { isClients, minutes } from "airrace/standing.js";
 
-const EVENTS = 14;
-
 export function drawFacts(timeline, config, t, now) {
   const map = last(timeline.maps, t), status = last(timeline.status, t);
   const known = ["gates known", `${status?.gates ?? 0} of ${config.gates.length}`];
@@ -25,17 +23,18 @@ export function drawFacts(timeline, config, t, now) {
   document.getElementById("facts").replaceChildren(...cells);
 }
 
+// All of them, the newest first; the list can be scrolled.
 export function drawEvents(timeline, t) {
   const { events } = timeline, end = countUntil(events, t);
   const list = document.getElementById("events");
   const key = `${end} ${events.length}`;
   if (list.dataset.key === key) return;
   list.dataset.key = key;
-  const lines = events.slice(Math.max(end - EVENTS, 0), end).reverse().map((event) => {
+  const lines = events.slice(0, end).reverse().map((event) => {
     const line = document.createElement("li"), time = document.createElement("b");
     const text = document.createElement("span");
     time.textContent = minutes(event.t);
-    line.title = text.textContent = event.text;
+    text.textContent = event.text;
     line.append(time, text);
     return line;
   });

@@ -45,7 +45,7 @@ export class Film {
   }
 
   show() {
-    this.button.textContent = this.recorder ? "Stop and save" : "Save film";
+    this.button.textContent = this.recorder ? "Save film" : "Film";
     this.button.classList.toggle("on", this.recorder !== null);
   }
 

@@ -26,7 +26,7 @@ export class Ghost {
   draw(t, visible, near) {
     this.now = this.timeline.sample(t + this.shift);
     this.stage.place(this.body, this.now);
-    this.halo.place(this.now.p, near);
+    this.halo.place(this.now, near);
     this.line.visible = visible;
     this.line.draw(this.timeline.index(t + this.shift) / STRIDE);
   }

@@ -30,7 +30,7 @@ const json = (id) => JSON.parse(element(id)?.textContent ?? "null");
 const config = json("race-config"), record = json("race-record");
 const live = config.mode === "live";
 setSpeedScale(config.speedColors, config.maxSpeed);
-element("scale").textContent = `speed, 0 to ${config.maxSpeed} m/s`;
+element("scale").textContent = `flown, by speed: 0 to ${config.maxSpeed} m/s`;
 const stops = config.speedColors.filter((_, k) => k % 6 === 0).map((color) => css(color));
 document.documentElement.style.setProperty("--scale", stops.join(", "));
 document.title = config.title;
@@ -83,8 +83,10 @@ listen({
   },
 }, bar, player, cameras, help);
 element("legend-button").onclick = () => toggle("legend");
+element("events-button").onclick = () => element("events").classList.toggle("open");
 if (ghosts.length) halo.paint(css(config.name.color));
 element("race").hidden = false;
+cameras.choose(cameras.view); // now that panels take their room
 // What stands above the bar makes room for it, however many rows it takes.
 new ResizeObserver(([{ target }]) => {
   document.documentElement.style.setProperty("--bar", `${target.offsetHeight}px`);
@@ -99,7 +101,7 @@ function drawScene() {
   const far = cameras.view === OVERVIEW || cameras.view === FREE;
   stage.place(config.body, now);
   stage.show(config.body, !inside);
-  halo.place(now.p, !far);
+  halo.place(now, !far);
   const shifts = last(timeline.shifts, time)?.gates;
   numbers.show(stands.nextGate, shifts);
   // From on board, what was flown is where the camera is; behind the drone, arrows hide it.
@@ -158,4 +160,4 @@ stage.onFrame((wall, dt) => {
 stage.onDrawn = () => film.take(stands);
 
 // For tests, and for those who want to know more.
-window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, player, stage, timeline };
+window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, halo, player, stage, timeline };

@@ -61,6 +61,16 @@ export class Stage {
     object.quaternion.set(...q);
   }
 
+  // Returns a place of Drake's world as the camera's world has it, whose y is up.
+  world(p) {
+    return new this.THREE.Vector3(...p).applyMatrix4(this.group.matrixWorld);
+  }
+
+  // Returns where a place is seen: x and y from -1 to 1.
+  onScreen(p) {
+    return this.world(p).project(this.viewer.camera);
+  }
+
   get canvas() {
     return this.viewer.renderer.domElement;
   }

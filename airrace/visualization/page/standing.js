@@ -31,9 +31,11 @@ function compared(laps, k, gate) {
 
 export function standing(timeline, config, t) {
   const gates = config.gates.length;
-  const crossings = timeline.crossings.slice(0, countUntil(timeline.crossings, t));
-  const laps = lapsOf(crossings, gates);
   const over = timeline.over !== null && t >= timeline.over.t - 0.05;
+  // The last crossing is a little later than the last frame.
+  const until = over ? Math.max(t, timeline.over.t) : t;
+  const crossings = timeline.crossings.slice(0, countUntil(timeline.crossings, until));
+  const laps = lapsOf(crossings, gates);
   const status = last(timeline.status, t) ?? { state: "CALIBRATE", gates: 0, done: false };
   const flown = laps.filter((lap) => lap.time !== null);
   const bestTime = least(flown.map((lap) => lap.time));

@@ -41,11 +41,17 @@ export class Timeline {
   // Takes in a batch, as race_record.py makes it.
   add(batch) {
     if (batch.frames) this.addFrames(decodeFloats(batch.frames));
-    for (const name of LISTS) if (batch[name]) this[name].push(...batch[name]);
+    for (const name of LISTS) if (batch[name]) this.append(name, batch[name]);
     if (this.pictures.length > MOST_PICTURES) {
       this.pictures = this.pictures.filter((_, i) => i % 2 === 0);
     }
     if (batch.over) this.over = batch.over;
+  }
+
+  // A crossing is told a little later than what was seen at once: lists are kept by time.
+  append(name, more) {
+    this[name].push(...more);
+    this[name].sort((a, b) => a.t - b.t);
   }
 
   addFrames(rows) {

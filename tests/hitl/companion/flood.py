@@ -11,20 +11,20 @@ import random
 import sys
 import time
 
-import lcm
-
-from airrace.hitl.link.endpoint import open_lcm
+from airrace.hitl.link.udp_bus import UdpBus
 
 _PAUSE = 1.0  # s, after which what was heard is old
 
 
-def listen(bus: lcm.LCM, channels) -> dict:
+def listen(bus: UdpBus, channels) -> dict:
     """Returns the first message of every channel."""
     heard = {}
     for channel in channels:
         bus.subscribe(channel, heard.setdefault)
     while len(heard) < len(channels):
-        bus.handle_timeout(100)
+        bus.wait(0.1)
+        while bus.hand_over():
+            pass
     return heard
 
 
@@ -38,7 +38,7 @@ def spoil(data: bytes, rng: random.Random) -> bytes:
     return bytes(spoilt)
 
 
-def flood(bus: lcm.LCM, messages: dict, each: int, rate: float) -> None:
+def flood(bus: UdpBus, messages: dict, each: int, rate: float) -> None:
     """Sends each message so often as it is, and as often spoilt."""
     rng, due = random.Random(0), time.monotonic()
     for _ in range(each):
@@ -50,7 +50,7 @@ def flood(bus: lcm.LCM, messages: dict, each: int, rate: float) -> None:
 
 
 if __name__ == "__main__":
-    bus = open_lcm(sys.argv[1])
+    bus = UdpBus(sys.argv[1])
     messages = listen(bus, sys.argv[2].split(","))
     print("heard", flush=True)
     time.sleep(_PAUSE)

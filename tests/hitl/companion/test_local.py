@@ -25,6 +25,7 @@ def test_stopping_ends_the_process_and_its_workers(script, code, tmp_path, monke
         wait_for(lambda: autonomy.poll() is None and log)
         worker = int(log[0].removeprefix("worker "))
         assert living(worker)
+        assert (autonomy._folder / "a/b").stat().st_mode & 0o777 == 0o600  # a key is private
         clock = time.monotonic()
         autonomy.stop(timeout=0.5)
         assert time.monotonic() - clock < 4.0

@@ -38,6 +38,7 @@ def test_runs_and_brings_its_files_back(companion, hosts, tmp_path):
     log.wait(autonomy, "ours")
     (folder,) = runs(hosts)
     assert (folder / "drone/vehicle.yaml").read_bytes() == files["drone/vehicle.yaml"]
+    assert (folder / "my_team.py").stat().st_mode & 0o777 == 0o600  # as a key must be
     assert autonomy.poll() is None
     autonomy.stop()
     assert autonomy.poll() == 1

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 
-import lcm
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from airrace.hitl.link.endpoint import Endpoint
 from airrace.hitl.link.probe import CHANNELS, PICTURE, STATE, LinkFindings, Responder, measure
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.scenario import Scenario
+from tests.hitl.link.memory_bus import MemoryBus
 
 
 def filled(result, **values):
@@ -111,7 +111,7 @@ def test_one_picture_that_is_lost_in_a_second_refuses_no_race():
 
 
 def test_a_link_in_memory_is_measured():
-    bus = lcm.LCM("memq://")  # one object: whoever drains, serves both
+    bus = MemoryBus()
     autonomy = Endpoint("autonomy", CHANNELS, bus)
     responder = Responder(autonomy)
     scenario = Scenario()

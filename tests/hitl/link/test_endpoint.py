@@ -3,18 +3,17 @@
 import errno
 import types
 
-import lcm
 import numpy as np
 import pytest
 
-from airrace.common.errors import UserError
 from airrace.hitl.link import packets
-from airrace.hitl.link.endpoint import HEARTBEAT, Endpoint, open_lcm
+from airrace.hitl.link.endpoint import Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from tests.hitl.link.messages import ROWS, message_of, values
 
 CHANNELS = ROWS
 COMMAND = next(row for row in ROWS if row.ports == ("rotor_speed_command",))
+CAMERA = next(row for row in ROWS if "camera_view" in row.ports)
 MAP = next(row for row in ROWS if row.ports == ("gate_map",))
 
 
@@ -191,6 +190,30 @@ def test_a_flood_of_stale_messages_changes_nothing(link):
     assert (statistics.received, dict(statistics.dropped)) == (1, {packets.REPLAYED: 20_000})
 
 
+def test_of_pictures_that_wait_the_newest_is_decoded(link):
+    count = [0]
+    decode = CAMERA.decode
+
+    def counted(message):
+        count[0] += 1
+        return decode(message)
+
+    link.autonomy.close()
+    link.autonomy._subscribe(types.SimpleNamespace(**{**vars(CAMERA), "decode": counted}))
+    data = [link.simulation.publish(CAMERA.name, message_of(CAMERA), 0.1 * k) for k in range(5)]
+    for bad in (data[1], data[4][:-1], data[4]):
+        link.air.send(CAMERA.name, bad)
+    link.autonomy.drain()
+    statistics = link.autonomy.statistics[CAMERA.name]
+    assert count == [1] and link.autonomy.newest(CAMERA.name).stamp.sequence == 5
+    assert (statistics.received, statistics.missing) == (1, 0)
+    assert dict(statistics.dropped) == {
+        packets.OVERTAKEN: 4,
+        packets.REPLAYED: 2,
+        packets.MALFORMED: 1,
+    }
+
+
 class Stalled(BaseException):
     """It would go on for ever. (An endpoint survives any Exception.)"""
 
@@ -218,24 +241,3 @@ def test_messages_without_an_end_do_not_take_every_turn(link, keeps_all):
     for drained in range(1, 4):
         link.simulation.drain()
         assert count[0] == drained
-
-
-def test_over_lcm_itself():
-    bus = lcm.LCM("memq://")
-    ends = [Endpoint(role, CHANNELS, bus) for role in ("simulation", "autonomy")]
-    for _ in range(4):
-        for one in ends:
-            one.send_heartbeat("waiting", 0.0)
-            one.drain()
-    assert ends[0].peer == ends[1].session and ends[1].peer == ends[0].session
-    ends[1].publish(MAP.name, message_of(MAP), 0.1)
-    ends[0].wait(1.0)
-    ends[0].drain()
-    assert ends[0].newest(MAP.name) is not None
-    assert HEARTBEAT in ends[0].statistics
-
-
-@pytest.mark.parametrize("url", ["nonsense", "udpm://nonsense", "udpm://10.0.0.1:80?ttl=0"])
-def test_a_url_that_cannot_be_opened(url):
-    with pytest.raises(UserError, match="--lcm_url .* cannot be opened"):
-        open_lcm(url)

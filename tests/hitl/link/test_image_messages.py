@@ -1,5 +1,6 @@
 """Pictures in messages: exact if they must be, near if not, and none that claims too much."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -67,6 +68,27 @@ def test_as_the_ports_have_them():
             image_messages.port_value(port, found, (SHAPE[0], SHAPE[1] + 1))
         with pytest.raises(Dropped):
             image_messages.port_value(port, {}, SHAPE)
+
+
+@pytest.mark.parametrize("lossless", [True, False])
+def test_a_picture_of_another_camera_is_not_decompressed(lossless, monkeypatch):
+    found = {image_messages.GREY: texture(*SHAPE)}
+    message = image_messages.encode_pictures(found, 0.0, lossless)
+    assert image_messages.decode_pictures(message, SHAPE)
+    monkeypatch.setattr(image_messages, "_decoded", pytest.fail)
+    with pytest.raises(Dropped):
+        image_messages.decode_pictures(message, SHAPE[::-1])
+
+
+def test_a_progressive_jpeg_is_none():
+    """Each of its scans takes as long as a whole picture."""
+    message = image_messages.encode_pictures({image_messages.GREY: texture(*SHAPE)}, 0.0, False)
+    image = message.images.images[0]
+    progressive = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+    image.data = cv2.imencode(".jpg", texture(*SHAPE), progressive)[1].tobytes()
+    image.size = len(image.data)
+    with pytest.raises(Dropped):
+        image_messages.decode_pictures(message)
 
 
 @pytest.mark.parametrize("lossless", [True, False])

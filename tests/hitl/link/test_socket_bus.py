@@ -92,7 +92,7 @@ def test_what_is_no_message_breaks_the_link(ends, head):
     ends[0].sendall(struct.pack(">I", 3) + b"A\0x" + head + b"A")
     drain(bus)
     assert received == [("A", b"x")] and bus.is_broken
-    assert bus.handle_timeout(0) == 0
+    assert not bus.hand_over()
 
 
 @given(data=st.binary(max_size=100))

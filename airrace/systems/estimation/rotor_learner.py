@@ -17,7 +17,6 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
     from airrace.scenario import Scenario
 
-_RATE = 50.0  # Hz
 _MEMORY = 15.0  # s, over which old flight is forgotten to 1 / e
 _LEAST = 2.0  # s of flight, before which nothing is said
 _MOST = 0.2  # that a factor is off one: more is another fault
@@ -58,6 +57,8 @@ class RotorLearner(LeafSystem):
     not show.
     """
 
+    RATE = 50.0  #: Hz, in a race
+
     def __init__(self, *, vehicle: Vehicle, rate: float):
         """Args: vehicle: mass and rotors, as in its file. rate: of updates (Hz)."""
         LeafSystem.__init__(self)
@@ -79,7 +80,7 @@ class RotorLearner(LeafSystem):
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the learner of a scenario."""
-        return cls(vehicle=load_vehicle(scenario.drone)[0], rate=_RATE)
+        return cls(vehicle=load_vehicle(scenario.drone)[0], rate=cls.RATE)
 
     def _update(self, context, discrete_state):
         speeds = read_vector(self._speeds, context)

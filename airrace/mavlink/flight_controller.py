@@ -19,11 +19,11 @@ from airrace.vehicle import Vehicle
 if TYPE_CHECKING:
     from airrace.mavlink.client_link import ClientLink
 
-_STANDING = 0.08  # m, about; LOCAL_NED begins there until the drone is armed
+_STANDING = 0.08  # m, about; LOCAL_NED begins there
 
 
 def MakeFlightController(
-    scenario: Scenario, track: Course, vehicle: Vehicle, link: "ClientLink"
+    scenario: Scenario, track: Course, vehicle: Vehicle, link: "ClientLink", is_reset: bool = False
 ) -> Diagram:
     """Builds the MavlinkBridge and the controllers that do what its client says.
 
@@ -38,7 +38,14 @@ def MakeFlightController(
     start = start_pose(track.start, vehicle.radius, _STANDING).translation()
     bridge = builder.AddNamedSystem(
         "mavlink_bridge",
-        MavlinkBridge(scenario=scenario, track=track, vehicle=vehicle, start=start, link=link),
+        MavlinkBridge(
+            scenario=scenario,
+            track=track,
+            vehicle=vehicle,
+            start=start,
+            link=link,
+            is_reset=is_reset,
+        ),
     )
     rate_controller = RateController(vehicle=vehicle, rate=scenario.controller.rate)
     switch = MotorSwitch(vehicle=vehicle)

@@ -50,9 +50,10 @@ def fly_attempts(
         of each race that has ended by itself, or by Ctrl-C: race.json, its folder, and how often
         it was reset.
     """
-    for folder in folders:
+    for number, folder in enumerate(folders):
         for resets in itertools.count():
-            data, again = _attempt(scenario, link, folder, pages, sinks, foxglove)
+            is_reset = number + resets > 0
+            data, again = _attempt(scenario, link, folder, is_reset, pages, sinks, foxglove)
             if not again:
                 break
         yield data, folder, resets
@@ -60,9 +61,9 @@ def fly_attempts(
             return
 
 
-def _attempt(scenario, link, folder, pages, sinks, foxglove):
+def _attempt(scenario, link, folder, is_reset, pages, sinks, foxglove):
     """Flies once; returns race.json, and whether the client wants to begin anew."""
-    transport = ClientTransport(scenario, link)
+    transport = ClientTransport(scenario, link, is_reset)
     with pages() as page:
         data = run_race(
             scenario, folder, page=page, sinks=sinks, transport=transport, foxglove=foxglove

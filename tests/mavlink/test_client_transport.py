@@ -157,7 +157,7 @@ def test_steps_are_those_messages_that_were_sent():
 
 def test_as_fast_as_it_can_it_waits_for_the_clients_first_word():
     link = Earpiece()
-    link.client = None
+    link.client, link.heard = None, False
     session = Session(grand_prix(), link)
     for _ in range(3):
         session.transport.advance(session.simulator, 0.1)

@@ -13,7 +13,9 @@ from airrace.common.errors import UserError
 from airrace.mavlink import client_link
 from airrace.mavlink import command as module
 from airrace.mavlink.command import EPILOG, GrandPrixOptions, addresses, grand_prix_scenario
-from airrace.scenario.mavlink_config import OFFICIAL, QuirksConfig
+from airrace.mavlink.dialects import DIALECTS
+from airrace.scenario.mavlink_config import QuirksConfig
+from airrace.track import load_track
 from tests.worlds.mavlink_client import UdpClient, arm
 
 
@@ -31,7 +33,7 @@ def test_the_defaults_are_the_qualifier():
     assert (s.camera.width, s.camera.height, s.camera.fps) == (640, 360, 30.0)
     assert s.simulator_config.target_realtime_rate == 1.0
     assert (s.mavlink.vq, s.mavlink.step, s.mavlink.time_limit) == (2, False, 480.0)
-    assert s.mavlink.quirks == QuirksConfig()
+    assert s.mavlink.dialect == "official" and s.mavlink.quirks == QuirksConfig()
 
 
 def test_options_win_over_the_scenario():
@@ -41,15 +43,21 @@ def test_options_win_over_the_scenario():
     assert scenario(realtime_rate=0.5).simulator_config.target_realtime_rate == 0.5
 
 
-def test_quirks_by_name():
-    assert scenario(quirks="official").mavlink.quirks == OFFICIAL
-    assert scenario(quirks="none").mavlink.quirks == QuirksConfig()
-    some = scenario(quirks="wrong_signs,doubled_pictures").mavlink.quirks
-    assert some == QuirksConfig(wrong_signs=True, doubled_pictures=True)
+def test_quirks_choose_the_dialect():
+    assert scenario(quirks="none").mavlink.dialect == "none"
+    assert scenario(scenario_text="{mavlink: {dialect: none}}").mavlink.dialect == "none"
+
+
+@pytest.mark.parametrize("vq, gates", [(1, 6), (2, 17)])
+def test_courses_are_like_the_official_ones(vq, gates):
+    s = scenario(vq=vq, course="official-like")
+    assert len(load_track(s.track).gates) == gates and s.track.endswith(f"vq{vq}")
 
 
 BAD = [
-    (["--quirks", "odd"], "there is no quirk 'odd'; give official, none, or some of doubled_"),
+    (["--quirks", "odd"], "official"),
+    (["--scenario_text", "{mavlink: {dialect: odd}}"], "must be one of official, none, not 'odd'"),
+    (["--course", "official-like", "--track", "hexagon"], "--course and --track exclude"),
     (["--vq", "3"], "vq"),
     (["--step", "--realtime_rate", "1"], "--realtime_rate and --step exclude each other"),
     (["--client", "here"], "--client here and --picture_port 5600: give a host and a port"),
@@ -119,7 +127,9 @@ def test_in_python_a_clients_race_is_its_own_command():
 
 def test_addresses():
     options = GrandPrixOptions(client="127.0.0.2:14600", picture_port=5700)
-    assert addresses(options) == client_link.Addresses("127.0.0.2", 14600, 5700, "127.0.0.1")
+    expected = client_link.Addresses("127.0.0.2", 14600, 5700, "127.0.0.1", 14560, 5601, True)
+    assert addresses(options, DIALECTS["official"]) == expected
+    assert not addresses(options, DIALECTS["none"]).fixed_port
 
 
 def test_without_pymavlink_it_says_what_to_install(monkeypatch, capsys):
@@ -132,7 +142,7 @@ def test_without_pymavlink_it_says_what_to_install(monkeypatch, capsys):
 def test_a_race_leaves_its_results(tmp_path, monkeypatch, capsys):
     """A client that is there, but never flies: it runs out of time."""
     monkeypatch.chdir(tmp_path)
-    text = "{mavlink: {time_limit: 0.3}, recording: {content: light}}"
+    text = "{mavlink: {time_limit: 0.3, dialect: none}, recording: {content: light}}"
     with UdpClient() as client:
 
         def fly():

@@ -48,7 +48,7 @@ CLIENT = Group("The client", sort_key=2)
 SCENARIO_FILE = "grand_prix"
 RESULTS = ("scenario.yaml", "race.json", "race.mcap", "race.html")
 # The courses of --course official-like, by the virtual qualifier.
-_COURSES = {1: "grand-prix-vq1", 2: "grand-prix-vq2"}
+_COURSES = {1: "grand-prix-straight", 2: "grand-prix"}
 
 
 @Parameter(name="*")

@@ -4,6 +4,7 @@ import re
 import sys
 import threading
 
+import numpy as np
 import pytest
 
 from airrace.commands import app
@@ -48,10 +49,15 @@ def test_quirks_choose_the_dialect():
     assert scenario(scenario_text="{mavlink: {dialect: none}}").mavlink.dialect == "none"
 
 
-@pytest.mark.parametrize("vq, gates", [(1, 6), (2, 17)])
-def test_courses_are_like_the_official_ones(vq, gates):
-    s = scenario(vq=vq, course="official-like")
-    assert len(load_track(s.track).gates) == gates and s.track.endswith(f"vq{vq}")
+@pytest.mark.parametrize("vq, gates, turns", [(1, 6, (5.0, 20.0)), (2, 17, (60.0, 360.0))])
+def test_courses_are_like_the_official_ones(vq, gates, turns):
+    """Six gates nearly in line, and 17 that wind through 200 m of a dark hall."""
+    track = load_track(scenario(vq=vq, course="official-like").track)
+    assert len(track.gates) == gates and track.surroundings == "hall"
+    yaws = np.unwrap([gate.heading for gate in track.gates])
+    assert turns[0] < np.rad2deg(np.ptp(yaws)) < turns[1]
+    length = np.linalg.norm(np.diff(track.way(), axis=0), axis=1).sum()
+    assert vq == 1 or length == pytest.approx(200.0, abs=15.0)
 
 
 BAD = [
@@ -161,7 +167,7 @@ def test_a_race_leaves_its_results(tmp_path, monkeypatch, capsys):
         thread.join(10.0)
     assert code == 1
     out = capsys.readouterr().out
-    assert f"Client at 127.0.0.1:{port}." in out and "armed" in out
+    assert f"Client at 127.0.0.1:{port}." in out and "the race has started" in out
     assert "Did not finish: ran out of time; 0 of 17 gates" in out
     left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {"race.json", "scenario.yaml", "race.mcap", "race.html"}

@@ -291,7 +291,8 @@ class MavlinkBridge(LeafSystem):
 
     # What the client says.
 
-    def _listen(self, _context):
+    def _listen(self, context):
+        self._link.time = context.get_time()
         self._link.drain()
 
     def _obey(self, context, discrete_state):

@@ -21,7 +21,8 @@ _BUFFER = 4 * 1024 * 1024  # bytes, that wait in a socket
 _PATIENCE = 2.0  # s without a word, after which another client may take over
 _LISTENERS, _LISTENING = 4, 5.0  # ground stations at a time, and s after the last word of one
 _MOST_AT_ONCE = 2000  # datagrams that are read in one go: a flood must not stop the time
-_MOST_OF_A_KIND = 16  # messages of a type that are taken of them, the newest
+_MANY = 32  # datagrams at once, which come after a pause of a client that sends 250 a second; of
+_MOST_OF_A_KIND = 16  # more, so many of each type are taken, the newest
 _MOST_STRANGERS = 100  # who are named on the terminal
 
 
@@ -69,13 +70,15 @@ class ClientLink:
         heard: whether the client, or whoever is where it is expected, has said anything.
         messages: what came and was not taken yet, oldest first.
         note: shows a line.
-        tap: is called with each datagram that is taken or sent: whether it is sent, and its bytes.
+        time: simulated (s), as of the last listening.
+        tap: is called with each message of both sides: the time (s), whether it was sent, and its
+            bytes.
     """
 
     def __init__(self, addresses: Addresses, note: Callable[[str], object] = print):
         """Opens the sockets; raises UserError if an address cannot be used."""
         self.counts, self.messages = Counts(), []
-        self.note, self.tap = note, _no_tap
+        self.note, self.tap, self.time = note, _no_tap, 0.0
         self._to, self._pictures_to = _resolved(addresses)
         self._fixed = addresses.fixed_port
         try:
@@ -108,7 +111,7 @@ class ClientLink:
         """Sends a MAVLink message; what does not get through is lost, as always on UDP."""
         data = message.pack(self._writer)
         self._writer.seq = (self._writer.seq + 1) % 256
-        self.tap(True, data)
+        self.tap(self.time, True, data)
         to = self._to if self._fixed or self.client is None else self.client
         with contextlib.suppress(OSError):
             self._socket.sendto(data, to)
@@ -149,7 +152,7 @@ class ClientLink:
 
     def _newest(self, came):
         """Returns the datagrams without those of which too many of a kind have come."""
-        if len(came) <= _MOST_OF_A_KIND:
+        if len(came) <= _MANY:
             return came
         left, kept = collections.Counter[tuple](), []
         for data, sender in reversed(came):
@@ -175,7 +178,8 @@ class ClientLink:
             if splitter.is_first_fault():
                 self.note(f"Datagrams of {_named(sender)} are not MAVLink, in whole or in part.")
         if known and self._may_speak(known, sender, now):
-            self.tap(False, data)
+            for message in known:
+                self.tap(self.time, False, bytes(message.get_msgbuf()))
             self.counts.received += len(known)
             self.counts.elsewhere += sum(not is_for_us(message) for message in known)
             self.messages += known
@@ -220,7 +224,7 @@ def controls(message: Any) -> bool:
     return (kind in SETPOINTS or is_order) and is_for_us(message)
 
 
-def _no_tap(sent: bool, data: bytes) -> None:
+def _no_tap(time: float, sent: bool, data: bytes) -> None:
     """What is said on a link that nobody records."""
 
 

@@ -18,6 +18,7 @@ from airrace.scenario.options import RACE, RUN, ScenarioOptions, resolve_scenari
 if TYPE_CHECKING:
     from airrace.mavlink.client_link import Addresses
     from airrace.mavlink.dialects import Dialect
+    from airrace.recording.race_events import Sink
     from airrace.scenario import Scenario
 
 EPILOG = """\
@@ -40,13 +41,13 @@ HIGHRES_IMU. A client that sends none for two seconds is not waited for until it
 again; one that sends more flies, but not the same twice.
 
 ./run.bash -s MAVLINK is the same command.
-The results are in the output folder: race.json, scenario.yaml, race.mcap, and
-race.html with --meshcat. MAVLink neither authenticates nor encrypts: without
---bind, nobody but this computer is heard.
+The results are in the output folder: race.json, scenario.yaml, race.mcap, race.html with
+--meshcat, race.tlog with --tlog; `airrace report` shows how a gate was missed. MAVLink
+neither authenticates nor encrypts: without --bind, nobody but this computer is heard.
 Exit codes: 0 finished, 1 did not finish, 2 bad input."""
 CLIENT = Group("The client", sort_key=2)
 SCENARIO_FILE = "grand_prix"
-RESULTS = ("scenario.yaml", "race.json", "race.mcap", "race.html")
+RESULTS = ("scenario.yaml", "race.json", "race.mcap", "race.html", "race.tlog")
 # The courses of --course official-like, by the virtual qualifier.
 _COURSES = {1: "grand-prix-straight", 2: "grand-prix"}
 
@@ -100,6 +101,8 @@ class GrandPrixOptions(ScenarioOptions):
     "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
     "what race.mcap holds: light = all signals, full = and pictures (default: full)"
+    tlog: Annotated[bool, Parameter(group=RUN, negative=())] = False
+    "write every MAVLink message of both sides to race.tlog, and say each second what came"
     foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
     "serve the topics of race.mcap while they are written, for Foxglove: ws://localhost:8765"
 
@@ -175,6 +178,8 @@ def _fly(options: GrandPrixOptions) -> dict:
     require_pymavlink()
     from airrace.common.files import results_folder, run_path
     from airrace.mavlink.client_link import ClientLink
+    from airrace.mavlink.client_log import FILE as TLOG
+    from airrace.mavlink.client_log import ClientLog
     from airrace.mavlink.dialects import DIALECTS
     from airrace.mavlink.grand_prix import fly_attempts, warm_up_grand_prix
     from airrace.recording.foxglove_server import FoxgloveServer
@@ -195,6 +200,11 @@ def _fly(options: GrandPrixOptions) -> dict:
         )
         output = stack.enter_context(results_folder(folder, numbered=numbered, refuse=RESULTS))
         foxglove = stack.enter_context(FoxgloveServer()) if options.foxglove else None
+        sinks: list[Sink] = [display.take]
+        if options.tlog:
+            log = stack.enter_context(ClientLog(output / TLOG, display.note))
+            link.tap = log.tap
+            sinks.append(log.take)
         display.announce("Preparing; the first time, inner loops are compiled, about a minute")
         warm_up_grand_prix(scenario)
         display.open(f"{options.client}, pictures at port {options.picture_port}")
@@ -214,7 +224,7 @@ def _fly(options: GrandPrixOptions) -> dict:
 
         stack.callback(lambda: [page.close() for page in pages])
         attempts = fly_attempts(
-            scenario, link, _folders(output, options.runs), pages=open_page, sinks=[display.take],
+            scenario, link, _folders(output, options.runs), pages=open_page, sinks=sinks,
             foxglove=foxglove,
         )  # fmt: skip
         data: dict = {"finished": False}

@@ -77,6 +77,7 @@ def _use(system, steps):
         down = PositionNedYaw(0.0, 0.0, -_HEIGHT * (1.0 - i / 8), 0.0)
         offboard.set_position_ned(down)
         time.sleep(0.5)
+    time.sleep(_LEG)
     steps["landed"] = -telemetry.position_velocity_ned().position.down_m < 0.3
     steps["disarms"] = _tried(action.disarm)
 

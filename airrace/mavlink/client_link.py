@@ -35,7 +35,9 @@ class Addresses(NamedTuple):
     bind: str = "127.0.0.1"  # address of this computer that is used, 127.0.0.1 for nobody else
     from_port: int = 0  # that MAVLink is sent from, 0 for any
     from_picture_port: int = 0  # that pictures are sent from, 0 for any
-    fixed_port: bool = False  # whether MAVLink goes to `port` wherever the client's words are from
+    # Whether MAVLink goes to `port` wherever the client's words are from; then all ports of its
+    # computer are its own.
+    fixed_port: bool = False
 
 
 @dc.dataclass
@@ -188,7 +190,7 @@ class ClientLink:
         """Returns whether a sender is heard; one that commands becomes the client if none is."""
         is_free = self.client is None or now > self._heard_at + _PATIENCE
         commands = any(controls(message) for message in messages)
-        if sender == self.client:
+        if self._is_client(sender):
             self._heard_at = now
         elif commands and is_free:
             self.client, self._heard_at = sender, now
@@ -202,6 +204,12 @@ class ClientLink:
                 self._listeners[sender] = now
         self.heard = self.heard or sender in (self._to, self.client)
         return True
+
+    def _is_client(self, sender):
+        """Whether a sender is the client, which may have several ports if one is told all."""
+        if self.client is None:
+            return False
+        return sender == self.client or (self._fixed and sender[0] == self.client[0])
 
     def _refuse(self, sender):
         self.counts.strangers += 1

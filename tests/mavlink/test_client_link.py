@@ -212,6 +212,9 @@ def test_a_fixed_port_hears_all_wherever_commands_are_from():
         commander.simulator = client.simulator
         commander.say(arm())
         assert len(line.collect()) == 1
+        client.say(arm(), rates(0.1))  # both are ports of the client
+        commander.say(rates(0.2))
+        assert len(line.collect()) == 3 and line.link.counts.strangers == 0
         line.link.send(HEARTBEAT)
         assert client.hear() and commander.hear(0.05) == []
         line.link.close()

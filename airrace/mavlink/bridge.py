@@ -105,18 +105,20 @@ class MavlinkBridge(LeafSystem):
         vehicle: Vehicle,
         start: np.ndarray,
         link: ClientLink,
-        is_reset: bool = False,
+        before: float | None = None,
     ):
         """Constructs the bridge.
 
         Args:
             start: where the drone stands, and LOCAL_NED begins (m), (3,).
             link: to the client.
-            is_reset: whether a race was there before, in the same process.
+            before: how long races in the same process have lasted (s), None for the first.
         """
         LeafSystem.__init__(self)
         self._dialect, self._origin = DIALECTS[scenario.mavlink.dialect], start
-        self._ready = self._dialect.settling if is_reset else self._dialect.loading
+        self._ready = self._dialect.loading if before is None else self._dialect.settling
+        self._ahead = scenario.mavlink.quirks.clock_offset
+        self._ahead += (before or 0.0) * self._dialect.clock_goes_on
         self._airframe = make_airframe(vehicle, self._dialect)
         self._scenario, self._track, self._vehicle, self._link = scenario, track, vehicle, link
         self._config, self._quirks = scenario.mavlink, scenario.mavlink.quirks
@@ -194,7 +196,7 @@ class MavlinkBridge(LeafSystem):
         self._link.send(telemetry.heartbeat(self._dialect, armed=False))
 
     def _clock(self, time):
-        return Clock(time, self._quirks.clock_offset, self._dialect.epoch_ns)
+        return Clock(time, self._ahead, self._dialect.epoch_ns)
 
     def _now(self, context):
         return self._clock(context.get_time())

@@ -53,15 +53,15 @@ class ClientTransport(Transport):
     bridge: MavlinkBridge
     _watchdog: SetpointWatchdog
 
-    def __init__(self, scenario: "Scenario", link: "ClientLink", is_reset: bool = False):
+    def __init__(self, scenario: "Scenario", link: "ClientLink", before: float | None = None):
         """Constructs the transport.
 
         Args:
             scenario: the race.
             link: to the client; it stays open after the race.
-            is_reset: whether a race was there before, in the same process.
+            before: how long races in the same process have lasted (s), None for the first.
         """
-        self._is_reset = is_reset
+        self._before = before
         self._link, self._config = link, scenario.mavlink
         self._imu_rate = scenario.imu.rate
         self._waits = self._config.step or not scenario.simulator_config.target_realtime_rate
@@ -88,7 +88,7 @@ class ClientTransport(Transport):
                 f"A client flies drones of four rotors, which the {vehicle.name} is not."
             )
         controller = builder.AddSystem(
-            MakeFlightController(scenario, track, vehicle, self._link, self._is_reset)
+            MakeFlightController(scenario, track, vehicle, self._link, self._before)
         )
         self.bridge = controller.GetSubsystemByName("mavlink_bridge")
         self._watchdog = controller.GetSubsystemByName("setpoint_watchdog")

@@ -64,6 +64,7 @@ class Dialect:
     track_period: float = _fact("and again each (s), 0 = once to each client", CAPTURED)
     loading: float = _fact("the countdown begins with arming, not before (s)", CAPTURED)
     settling: float = _fact("or after a reset, not before (s)", CLIENTS)
+    clock_goes_on: bool = _fact("a reset leaves the clock since boot as it is", ONE)
     countdown: float = _fact("from then to the race's start (s)", CAPTURED)
     disarms: bool = _fact("the race's start disarms the drone", CLIENTS)
     early: float = _fact(
@@ -120,6 +121,7 @@ DIALECTS = {
         track_period=0.0,
         loading=10.65,
         settling=3.5,
+        clock_goes_on=True,
         countdown=2.85,
         disarms=True,
         early=0.1,
@@ -154,6 +156,7 @@ DIALECTS = {
         track_period=1.0,
         loading=0.0,
         settling=0.0,
+        clock_goes_on=False,
         countdown=0.0,
         disarms=False,
         early=0.0,

@@ -23,7 +23,11 @@ _STANDING = 0.08  # m, about; LOCAL_NED begins there
 
 
 def MakeFlightController(
-    scenario: Scenario, track: Course, vehicle: Vehicle, link: "ClientLink", is_reset: bool = False
+    scenario: Scenario,
+    track: Course,
+    vehicle: Vehicle,
+    link: "ClientLink",
+    before: float | None = None,
 ) -> Diagram:
     """Builds the MavlinkBridge and the controllers that do what its client says.
 
@@ -39,12 +43,7 @@ def MakeFlightController(
     bridge = builder.AddNamedSystem(
         "mavlink_bridge",
         MavlinkBridge(
-            scenario=scenario,
-            track=track,
-            vehicle=vehicle,
-            start=start,
-            link=link,
-            is_reset=is_reset,
+            scenario=scenario, track=track, vehicle=vehicle, start=start, link=link, before=before
         ),
     )
     rate_controller = RateController(vehicle=vehicle, rate=scenario.controller.rate)

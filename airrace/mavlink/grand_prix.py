@@ -50,10 +50,11 @@ def fly_attempts(
         of each race that has ended by itself, or by Ctrl-C: race.json, its folder, and how often
         it was reset.
     """
-    for number, folder in enumerate(folders):
+    before = None
+    for folder in folders:
         for resets in itertools.count():
-            is_reset = number + resets > 0
-            data, again = _attempt(scenario, link, folder, is_reset, pages, sinks, foxglove)
+            data, again = _attempt(scenario, link, folder, before, pages, sinks, foxglove)
+            before = (before or 0.0) + data["simulated_s"]
             if not again:
                 break
         yield data, folder, resets
@@ -61,9 +62,9 @@ def fly_attempts(
             return
 
 
-def _attempt(scenario, link, folder, is_reset, pages, sinks, foxglove):
+def _attempt(scenario, link, folder, before, pages, sinks, foxglove):
     """Flies once; returns race.json, and whether the client wants to begin anew."""
-    transport = ClientTransport(scenario, link, is_reset)
+    transport = ClientTransport(scenario, link, before)
     with pages() as page:
         data = run_race(
             scenario, folder, page=page, sinks=sinks, transport=transport, foxglove=foxglove

@@ -409,12 +409,15 @@ class TestTheOfficialRace:
         texts = [m.text for m in session.link.of("STATUSTEXT")]
         assert "".join(texts) == why
 
-    def test_after_a_reset_it_is_ready_sooner(self):
+    def test_after_a_reset_it_is_ready_sooner_and_the_clock_goes_on(self):
         link = Earpiece()
-        session = Session(grand_prix(dialect="official"), link, is_reset=True)
+        session = Session(grand_prix(dialect="official"), link, before=100.0)
         link.say(arm())
-        session.fly(0.1)
+        session.fly(0.3)
         assert session.bridge.flight(session.bridge_context).start == pytest.approx(6.35)
+        _, now, start, *_ = statuses(link)[-1]
+        assert (now, start) == (pytest.approx(100_250, abs=60), 106_350)
+        assert link.of("HIGHRES_IMU")[-1].time_usec == pytest.approx(100.3e6, abs=3e4)
 
     def test_motors_are_told_from_the_front_left_on(self):
         session = official_session()

@@ -106,9 +106,9 @@ class Earpiece:
 class Session:
     """A race whose client is an Earpiece, advanced by hand."""
 
-    def __init__(self, scenario, link=None, is_reset=False):
+    def __init__(self, scenario, link=None, before=None):
         self.link = link or Earpiece()
-        self.transport = ClientTransport(scenario, self.link, is_reset)
+        self.transport = ClientTransport(scenario, self.link, before)
         self.diagram = MakeRace(scenario, transport=self.transport)
         self.simulator = Simulator(self.diagram)
         ApplySimulatorConfig(scenario.simulator_config, self.simulator)

@@ -53,10 +53,10 @@ EARLY_START = "disqualified: it left its pad before the start"
 class Flight(NamedTuple):
     """What the bridge remembers, beside the set-point in force."""
 
-    start: float  # of the race (s), maybe to come; -1 until the drone is armed
+    start: float  # of the race (s), maybe to come; -1 before the countdown
     begun: float  # 1 once it was
     early: float  # when the drone left its pad before (s), -1 if it has not
-    pad: np.ndarray  # where it stood when it was armed first (m), (3,)
+    pad: np.ndarray  # where it stood when the countdown began (m), (3,)
 
 
 _FLIGHT = Packing(Flight, pad=3)
@@ -84,8 +84,8 @@ class MavlinkBridge(LeafSystem):
     ``setpoint`` is what the client wants, a Setpoint (33). ``explorer_status`` is an
     ExplorerStatus, which is done once the race has begun: from then on the referee counts gates.
 
-    The first arming begins a countdown, and at its end the race. What a countdown is, and what
-    the numbers on the wire mean, says the scenario's Dialect.
+    The first arming, or the simulator itself, begins a countdown, and at its end the race. What a
+    countdown is, and what the numbers on the wire mean, says the scenario's Dialect.
 
     What came is read at LISTEN_RATE, in a publish event; the update of the same time obeys and
     answers it, also what was read between two of them. All else is sent by the clock, in simulated
@@ -314,6 +314,9 @@ class MavlinkBridge(LeafSystem):
         """Begins the race when it is time, and sees whether the drone has left its pad before."""
         memory, time = discrete_state.get_mutable_value(self._flight), context.get_time()
         flight = _FLIGHT.parts(memory)
+        is_due = self._dialect.starts_itself and time >= self._ready and self._link.heard
+        if flight.start < 0.0 and is_due:
+            self._count_down(context, memory)
         if flight.start < 0.0 or flight.begun:
             return
         place = as_plant_state(read_vector(self._state, context)).position
@@ -350,12 +353,15 @@ class MavlinkBridge(LeafSystem):
         """Arms the drone; the first time, the countdown begins."""
         memory, time = discrete_state.get_mutable_value(self._flight), context.get_time()
         if _FLIGHT.parts(memory).start < 0.0:
-            pad = as_plant_state(read_vector(self._state, context)).position
-            start = max(time, self._ready) + self._dialect.countdown
-            begun = float(start <= time)
-            memory[:] = _FLIGHT.vector(Flight(start, begun, _NEVER, pad))
+            self._count_down(context, memory)
         idle = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
         discrete_state.get_mutable_value(self._setpoint)[:] = setpoint_vector(idle)
+
+    def _count_down(self, context, memory):
+        """Begins the countdown, for which the drone must stay where it is."""
+        time, state = context.get_time(), as_plant_state(read_vector(self._state, context))
+        start = max(time, self._ready) + self._dialect.countdown
+        memory[:] = _FLIGHT.vector(Flight(start, float(start <= time), _NEVER, state.position))
 
     def _follow(self, context, discrete_state, message):
         setpoint = discrete_state.get_mutable_value(self._setpoint)
@@ -390,7 +396,7 @@ def _status_of(start: float, begun: bool) -> ExplorerStatus:
         return _ON_PAD
     if not begun:
         return ExplorerStatus(state="ON_PAD", reason=f"the race starts at {start:.1f} s")
-    return ExplorerStatus(state="RACE", reason="armed by the client", since=start, done=True)
+    return ExplorerStatus(state="RACE", reason="the race has started", since=start, done=True)
 
 
 def _is_replaced(message: Any, after: Any) -> bool:

@@ -63,6 +63,7 @@ class Dialect:
     track_at: float = _fact("the track is sent at (s)", CAPTURED)
     track_period: float = _fact("and again each (s), 0 = once to each client", CAPTURED)
     loading: float = _fact("the countdown begins with arming, not before (s)", CAPTURED)
+    starts_itself: bool = _fact("or then, if the client has said anything", CLIENTS)
     settling: float = _fact("or after a reset, not before (s)", CLIENTS)
     clock_goes_on: bool = _fact("a reset leaves the clock since boot as it is", ONE)
     countdown: float = _fact("from then to the race's start (s)", CAPTURED)
@@ -120,6 +121,7 @@ DIALECTS = {
         track_at=9.5,
         track_period=0.0,
         loading=10.65,
+        starts_itself=True,
         settling=3.5,
         clock_goes_on=True,
         countdown=2.85,
@@ -155,6 +157,7 @@ DIALECTS = {
         track_at=0.0,
         track_period=1.0,
         loading=0.0,
+        starts_itself=False,
         settling=0.0,
         clock_goes_on=False,
         countdown=0.0,

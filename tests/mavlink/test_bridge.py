@@ -408,6 +408,18 @@ class TestTheOfficialRace:
         )
         assert 67_000 <= header[3] <= 69_000
 
+    def test_a_client_that_does_not_arm_sees_the_start_too(self):
+        """Who waits for it before arming, after a reset here; but not before it is heard."""
+        link = Earpiece()
+        link.heard = False
+        session = Session(grand_prix("{camera: {fps: 5.0}}", dialect="official"), link, before=0.0)
+        session.fly(3.8)
+        assert session.bridge.flight(session.bridge_context).start == -1.0
+        link.heard = True
+        session.fly(0.1)
+        start = session.bridge.flight(session.bridge_context).start
+        assert start == pytest.approx(3.8 + 2.85, abs=0.01)
+
     @pytest.mark.slow
     def test_who_leaves_the_pad_before_is_disqualified(self):
         session = official_session()

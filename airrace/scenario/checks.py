@@ -15,6 +15,7 @@ from airrace.common.errors import UserError
 from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
+from airrace.scenario.mavlink_config import NONE, OFFICIAL, MavlinkConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
 
@@ -165,6 +166,11 @@ def check_camera(config: CameraConfig) -> None:
 def check_imu(config: imu_config.ImuConfig) -> None:
     """Checks the name of the preset."""
     check_choice("imu.preset", config.preset, imu_config.PRESETS)
+
+
+def check_mavlink(config: MavlinkConfig) -> None:
+    """Checks the name of the dialect."""
+    check_choice("mavlink.dialect (--quirks)", config.dialect, (OFFICIAL, NONE))
 
 
 def check_estimator(scenario: "Scenario") -> None:

@@ -475,7 +475,6 @@ _interfaces = st.builds(
     chunk_size=st.integers(64, 60000),
     quirks=st.builds(
         QuirksConfig,
-        doubled_pictures=st.booleans(),
         imu_drop=_shares,
         lost_pictures=_shares,
         repeated_pictures=_shares,

@@ -249,6 +249,10 @@ FAULTY = """
             if context.get_time() >= self.after:
                 raise Crash("a student's mistake")
 
+    class Leaver(Tracker):
+        def _look(self, context):
+            raise SystemExit(0)
+
     class TrackerAtOnce(Tracker):
         after = 0.0
 
@@ -302,6 +306,12 @@ class TestFaults:
         data = read_race(faulty_boxes)
         assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
         assert data["exploration"]["time_s"] == pytest.approx(time_s, abs=0.101)
+
+    def test_a_box_that_calls_exit(self, faulty_boxes):
+        """It would look like a race that has finished."""
+        with pytest.raises(UserError, match=r"A system of the race has called exit\(0\)"):
+            run_race(short(systems={"trajectory_tracker": "faulty_boxes:Leaver"}), faulty_boxes)
+        assert read_race(faulty_boxes)["dnf_reason"] == "stopped by an error"
 
     @pytest.mark.slow
     def test_a_controller_that_pushes_down(self, faulty_boxes):

@@ -314,14 +314,15 @@ class TestFaults:
         assert read_race(faulty_boxes)["dnf_reason"] == "stopped by an error"
 
     @pytest.mark.slow
-    def test_a_controller_that_pushes_down(self, faulty_boxes):
-        """The drone never leaves its pad, and nobody waits for it longer than half a minute."""
+    def test_a_controller_that_pushes_down(self, faulty_boxes, monkeypatch):
+        """The drone never leaves its pad, and nobody waits for it for ever."""
+        monkeypatch.setattr("airrace.systems.exploring.explorer_states._CLIMB", 2.0)
         scenario = short(100.0, systems={"geometric_controller": "faulty_boxes:UpsideDown"})
         scenario.camera.renderer, scenario.map = "none", "track"
         data = run_race(scenario, faulty_boxes)
-        assert re.search(r"gave up at 2\d.\d s .*check the controller's thrust", data["dnf_reason"])
+        assert re.search(r"gave up at 5.\d s .*check the controller's thrust", data["dnf_reason"])
         assert data["dnf_reason"].endswith("and stayed on its pad")
-        assert data["negative_thrusts"] > 1000
+        assert data["negative_thrusts"] > 100
 
     def test_a_sink_that_raises(self, tmp_path):
         def take(event):

@@ -298,7 +298,8 @@ BAD = {
     "simulator_config: {start_time: 1}": "simulator_config.start_time must be 0",
     "simulator_config: {accuracy: -1}": "simulator_config.accuracy must be positive",
     "simulator_config: {integration_scheme: crystal_ball}": "simulator_config: Unknown integration",
-    "plant_config: {time_step: 0}": "plant_config.time_step must be above 0",
+    "plant_config: {time_step: 0}": "plant_config.time_step must be at least 1e-06",
+    "plant_config: {time_step: 1e-12}": "plant_config.time_step must be at least 1e-06",
     "plant_config: {contact_model: hydroelastic}": "plant_config.contact_model must be one of",
     "plant_config: {penetration_allowance: -1}": "plant_config: .*penetration_allowance",
     "plant_config: {stiction_tolerance: -1}": "plant_config: .*stiction",
@@ -475,7 +476,6 @@ _interfaces = st.builds(
     chunk_size=st.integers(64, 60000),
     quirks=st.builds(
         QuirksConfig,
-        doubled_pictures=st.booleans(),
         imu_drop=_shares,
         lost_pictures=_shares,
         repeated_pictures=_shares,

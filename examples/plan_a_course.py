@@ -42,9 +42,7 @@ states = course.states()  # at 1 kHz, or more
 tilt = np.rad2deg(np.arccos(states.rotations[2, 2]))  # of the thrust's axis off the vertical
 speed = np.linalg.norm(states.velocities, axis=0)  # (N,) m/s
 share = states.thrusts.max() / vehicle.max_thrusts.max()
-print(
-    f"{course.duration:.3f} s, at most {speed.max():.1f} m/s and {tilt.max():.0f} degrees of tilt"
-)
+print(f"{course.duration:.3f} s, at most {speed.max():.1f} m/s, tilt {tilt.max():.0f} degrees")
 print(f"rotors: at most {share:.1%} of their thrust; a point mass takes {course.bound:.3f} s")
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")

@@ -97,9 +97,9 @@ class LapSearch:
             TrajectoryOptimizationError: if it cannot be slowed enough.
         """
         grid = self.grid if samples is None else Grid(lap.pieces, samples)
-        options = [slowed] if lap.can_be_slowed else []
-        options += [] if lap.is_closed else [LapSamples.of]
-        found = [each(lap, grid, self.constraints.limits, self.turn) for each in options]
+        of = lap, grid, self.constraints.limits, self.turn
+        found = [slowed(*of)] if lap.can_be_slowed else []
+        found += [] if lap.is_closed else [LapSamples.of(*of)]
         return min(found, key=self.merit) if len(found) > 1 else found[0]
 
     def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:

@@ -15,7 +15,9 @@ from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_transition
 
-_SHARE = 0.99  # of the limits: the transition onto the lap has a little more than the lap
+# Of the limits of the drone, and of speed and acceleration: the transition onto the lap has a little
+# more than the lap.
+_SHARE, _PATH_SHARE = 0.99, 0.999
 _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 # Gates at which a transition joins the lap, tried in turn: from hover, and from the lap before.
 _FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4), (2, 3, 1)
@@ -41,9 +43,15 @@ class TimeOptimalLaps(Laps):
         )
 
     def lap(self, previous: Circuit | None) -> Circuit:
+        limits = self.constraints.limits
+        limits = dc.replace(
+            limits.scaled(_SHARE),
+            max_speed=_PATH_SHARE * limits.max_speed,
+            max_acceleration=_PATH_SHARE * limits.max_acceleration,
+        )
         return plan_optimal_circuit(
             self.gates,
-            dc.replace(self.constraints, limits=self.constraints.limits.scaled(_SHARE)),
+            dc.replace(self.constraints, limits=limits),
             previous=previous,  # type: ignore[arg-type]
             bound=self.point_mass_lap,
         )

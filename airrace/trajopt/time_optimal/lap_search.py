@@ -66,7 +66,7 @@ class Effort:
 
 
 # For planning in flight, from a lap through gates that moved a little.
-IN_FLIGHT = Effort(iterations=2, tolerance=5e-3, samples=18)
+IN_FLIGHT = Effort(iterations=3, tolerance=2e-3, samples=24)
 
 
 class LapSearch:

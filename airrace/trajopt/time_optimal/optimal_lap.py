@@ -22,7 +22,7 @@ from airrace.trajopt.time_optimal.visibility import keep_in_view
 
 _FINE = 120  # samples of each leg in the last check
 PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
-_POOR = 1.015  # times the bound: a slower lap is improved with finer splines
+_POOR = 1.003  # times the bound: a slower lap is improved with finer splines
 _FINER_PIECES, _FINER = 8, Effort(iterations=10, tolerance=2e-4, samples=40)
 _MOST_HELPFUL = 1.5  # times the bound: a slower lap is none to start from
 # Of time, for an excess of thrust: that goes with its square.

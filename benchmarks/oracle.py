@@ -117,11 +117,7 @@ def show(results: dict) -> tuple[list, bool]:
         make_table(title, results[key], columns)
         for key, title, columns in (
             ("laps", "Laps: planned, flown on the true map, and optimal", laps),
-            (
-                "courses",
-                "Published courses from rest to rest: planned, optimal, and others'",
-                courses,
-            ),
+            ("courses", "Published courses: planned, optimal, and others'", courses),
         )
         if results[key]
     ]

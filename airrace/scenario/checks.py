@@ -178,6 +178,15 @@ def check_estimator(scenario: "Scenario") -> None:
         )
 
 
+def check_flight_controller(scenario: "Scenario") -> None:
+    """Checks the flight controller's name, and that what flies can command it."""
+    check_choice("flight_controller", scenario.flight_controller, ("internal", "betaflight"))
+    if scenario.flight_controller == "internal":
+        return
+    if scenario.policy != "none":
+        raise UserError("A policy commands the rotors itself: set flight_controller to internal.")
+
+
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:
     """Checks limits and choices, and that those of minimum-snap laps are made for such."""
     parse_limits(config.limits)

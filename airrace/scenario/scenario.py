@@ -20,6 +20,7 @@ from airrace.scenario.checks import (
     check_disturbances,
     check_drakes_own,
     check_estimator,
+    check_flight_controller,
     check_imu,
     check_imu_failures,
     check_numbers,
@@ -42,6 +43,7 @@ MAP_ESTIMATORS = ("robust", "original")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "original")
 NO_POLICY, LEARNED = "none", "learned"  # what flies the laps besides the planner; or a file
+INTERNAL, BETAFLIGHT = "internal", "betaflight"  # what drives the motors
 TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
@@ -233,6 +235,10 @@ class Scenario:
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
+    # What drives the motors: "internal", the controller itself; or "betaflight", the firmware, to
+    # which the controller commands thrust and body rates.
+    flight_controller: str = "internal"
+    betaflight_config: str = ""  # file of the firmware's settings; by default, the drone's own
     # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0
     # Your own systems: a name from diagrams/autonomy.py to "module:callable",
@@ -261,6 +267,7 @@ class Scenario:
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
         check_planner(self.planner, self.trajectory)
         check_policy(self.policy)
+        check_flight_controller(self)
         check_choice("state_noise", self.state_noise, ("nominal", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
@@ -341,6 +348,9 @@ def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
         scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
     if scenario.policy not in (NO_POLICY, LEARNED):
         scenario = dc.replace(scenario, policy=str(Path(scenario.policy).resolve()))
+    if scenario.betaflight_config:
+        config = str(Path(scenario.betaflight_config).resolve())
+        scenario = dc.replace(scenario, betaflight_config=config)
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
         scenario = dc.replace(scenario, drone=str(folder.resolve()))

@@ -44,6 +44,7 @@ RESULTS = (
     "map_statistics.json",
     "race.json",
     "race.mcap",
+    "betaflight.txt",
     "race.html",
     "report.html",
 )

@@ -26,6 +26,7 @@
 #include <unistd.h>
 
 enum { TICK = 1000, STEP = 1000000, SECOND = 1000000000 };           /* ns */
+enum { PATIENCE = 100000 };                                          /* us */
 enum { MOTORS_PORT = 9001, STATE_PORT = 9003, RC_PORT = 9004, FIRST_UART = 5761 };
 
 typedef struct {
@@ -49,6 +50,10 @@ typedef struct {
     size_t size;
 } Link;
 
+/* Held by the main thread while it runs, and by the thread of the serial ports while it does
+ * anything but wait: the firmware itself does not keep these two apart. */
+static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
+static __thread int has_turn;
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t changed = PTHREAD_COND_INITIALIZER;
 static Link rc_link = {.fd = -1}, state_link = {.fd = -1};
@@ -73,6 +78,7 @@ __attribute__((constructor)) static void begin(void)
     channel = atoi(number);
     is_main = 1;
     step_end = STEP;
+    pthread_mutex_lock(&turn);
     pthread_create(&thread, NULL, watch, NULL);
 }
 
@@ -92,7 +98,9 @@ static void take_step(void)
     static Step step;
     static Rc rc;
     if (send(channel, &motors, sizeof motors, MSG_NOSIGNAL) < 0) _exit(0);
+    pthread_mutex_unlock(&turn);
     if (recv(channel, &step, sizeof step, 0) != sizeof step) _exit(0);
+    pthread_mutex_lock(&turn);
     memcpy(rc.channels, step.channels, sizeof rc.channels);
     if (rc.channels[0]) deliver(&rc_link, &rc, sizeof rc); /* the firmware's start undoes it */
     /* A stamp that is a second later each time keeps the firmware from estimating how fast the
@@ -154,20 +162,32 @@ static Link *link_of(int fd)
     return fd == rc_link.fd ? &rc_link : fd == state_link.fd ? &state_link : NULL;
 }
 
+static struct timespec time_limit(long microseconds)
+{
+    struct timespec limit;
+    clock_gettime(CLOCK_REALTIME, &limit);
+    limit.tv_nsec += microseconds * 1000;
+    limit.tv_sec += limit.tv_nsec / SECOND;
+    limit.tv_nsec %= SECOND;
+    return limit;
+}
+
+static int select_serial_ports(
+    int n, fd_set *reads, fd_set *writes, fd_set *errors, struct timeval *timeout)
+{
+    int (*real)(int, fd_set *, fd_set *, fd_set *, struct timeval *) = dlsym(RTLD_NEXT, "select");
+    if (has_turn) pthread_mutex_unlock(&turn);
+    int ready = real(n, reads, writes, errors, timeout);
+    struct timespec limit = time_limit(PATIENCE); /* for a main thread that waits for this one */
+    has_turn = pthread_mutex_timedlock(&turn, &limit) == 0;
+    return ready;
+}
+
 int select(int n, fd_set *reads, fd_set *writes, fd_set *errors, struct timeval *timeout)
 {
     Link *link = n > 0 && !writes ? link_of(n - 1) : NULL;
-    if (!link) {
-        int (*real)(int, fd_set *, fd_set *, fd_set *, struct timeval *);
-        real = dlsym(RTLD_NEXT, "select");
-        return real(n, reads, writes, errors, timeout);
-    }
-    /* It returns now and then: only so a firmware that reboots can end its threads. */
-    struct timespec limit;
-    clock_gettime(CLOCK_REALTIME, &limit);
-    limit.tv_nsec += timeout->tv_usec * 1000;
-    limit.tv_sec += timeout->tv_sec + limit.tv_nsec / SECOND;
-    limit.tv_nsec %= SECOND;
+    if (!link) return select_serial_ports(n, reads, writes, errors, timeout);
+    struct timespec limit = time_limit(PATIENCE); /* so that a firmware that reboots can end it */
     pthread_mutex_lock(&mutex);
     link->idle = 1;
     pthread_cond_broadcast(&changed);

@@ -14,6 +14,7 @@ from airrace.common.words import count, printable
 
 FILE_NAME = "betaflight.txt"  # in a drone's folder, and in that of a run
 _EEPROM = "eeprom.bin"
+_BEGIN = "#"  # of the command line
 _PROMPT = b"\n# "
 _REFUSED = re.compile(r"###ERROR(?: IN \w+)?: *(.*?)###|(Unknown command|UNKNOWN COMMAND)[^\n]*")
 # They end the command line, or begin and end what is given as one: it is, in any case.
@@ -71,7 +72,7 @@ def configure(firmware: Firmware, source: Path, folder: Path) -> tuple[str, list
     lines = lines_of(source)
     with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
         with _command_line(process) as ask:
-            ask("#")
+            ask(_BEGIN)
             answers = [(line, ask(line)) for line in lines]
             refused = [
                 Refused(printable(line), printable(_complaint(found)))
@@ -107,9 +108,15 @@ def _command_line(process: FirmwareProcess) -> Iterator:
         raise UserError(f"{process.problem or 'Betaflight has no command line'}.")
     with socket.create_connection(("127.0.0.1", process.port)) as connection:
         connection.settimeout(_POLL)
+        asked = 0
 
         def ask(line: str, last: bool = False) -> str:
-            connection.sendall(line.encode("ascii", "replace") + (b"" if line == "#" else b"\n"))
+            nonlocal asked
+            asked += 1
+            # A comment after the line, whose echo is the end of the answer.
+            mark = b"" if line == _BEGIN else b"#end of %d" % asked
+            rest = mark and b"\n" + mark + b"\n"
+            connection.sendall(line.encode("ascii", "replace") + rest)
             answer = b""
             for _ in range(round(_PATIENCE / PERIOD)):
                 process.step(NO_RADIO)
@@ -119,8 +126,8 @@ def _command_line(process: FirmwareProcess) -> Iterator:
                     raise UserError(f"{process.problem} at the line '{line}' of its settings.")
                 with contextlib.suppress(TimeoutError, OSError):
                     answer += connection.recv(65536)
-                if answer.endswith(_PROMPT) and not last:
-                    return answer.decode("utf-8", "replace")
+                if answer.endswith(_PROMPT) and mark in answer and not last:
+                    return answer.rpartition(mark)[0].decode("utf-8", "replace") if mark else ""
             raise UserError(f"Betaflight does not answer to the line '{line}' of its settings.")
 
         yield ask
@@ -129,7 +136,7 @@ def _command_line(process: FirmwareProcess) -> Iterator:
 def state_of_arming(process: FirmwareProcess) -> str:
     """Returns what a firmware that runs says of why it does not arm."""
     with _command_line(process) as ask:
-        ask("#")
+        ask(_BEGIN)
         found = re.search(r"Arming disable flags: *(.*)", ask("status"))
     flags = found[1].replace("CLI", "").split() if found else []
     return ", ".join(flags) or "it does not say why"

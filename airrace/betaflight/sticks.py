@@ -14,6 +14,9 @@ _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 _HALF = _HIGH - _MIDDLE
 _TABLE = np.linspace(0.0, 1.0, 1001)  # deflections of a stick
 _AXES = "roll", "pitch", "yaw"
+_NEEDED = {"motor_idle", "min_check", "deadband", "yaw_deadband", "rates_type"} | {
+    f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")
+}
 _ARM = re.compile(r"^aux \d+ 0 (\d+) (\d+) (\d+)", re.MULTILINE)
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left.
 _PLACES = ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -29,6 +32,11 @@ class Sticks:
             UserError: if the settings cannot be flown by thrust and rates, or not this drone.
         """
         values = values_of(dump)
+        if missing := _NEEDED - values.keys():
+            raise UserError(
+                f"Betaflight's settings do not say {', '.join(sorted(missing))}: it is another "
+                "Betaflight than the one of `airrace betaflight build`."
+            )
         self._order = _motors_of(vehicle)
         self._max_speeds = vehicle.max_speeds
         self._most = float(vehicle.max_thrusts.sum())

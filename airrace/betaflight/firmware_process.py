@@ -106,17 +106,19 @@ class FirmwareProcess:
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
         while self._waiting and self.problem is None:
+            message = b""
             try:
                 message = self._socket.recv(4096)
             except TimeoutError:
                 self.problem = f"Betaflight has not answered for {_PATIENCE:g} s"
-            except OSError:
-                message = b""
-            if self.problem is None and not message:
+                break
+            except OSError:  # as at the end
+                pass
+            if not message:
                 self.problem = f"Betaflight {ending(self._process.wait())}"
             elif len(message) == _PORT.size:
                 (self.port,) = _PORT.unpack(message)
-            elif self.problem is None:
+            else:
                 self._motors = np.array(_MOTORS.unpack(message)[1:])
                 self._waiting = False
         return self._motors if self.problem is None else np.zeros(CHANNELS)

@@ -57,7 +57,7 @@ def _vtk() -> Row:
 def _betaflight() -> Row:
     from airrace.betaflight.firmware import find_firmware
 
-    what, needed = "--flight_controller betaflight", "only if you want it"
+    what, needed = "Betaflight", "only if you want it"
     try:
         firmware = find_firmware()
     except UserError as e:

@@ -31,11 +31,11 @@ def state_packet(imu: np.ndarray) -> bytes:
 
     Args: imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
     """
-    # The axes of the packet point forward, right and down. Its accelerations are what a sensor
+    # Rates are in axes that point forward, right and down. Accelerations are what a sensor in B
     # shows, with the opposite sign. The attitude is level: Betaflight's rate mode does not use it.
     wx, wy, wz, fx, fy, fz = imu.tolist()
     level = 1.0, 0.0, 0.0, 0.0
-    return _SENSORS.pack(0.0, wx, -wy, -wz, -fx, fy, fz, *level, *6 * [0.0], _PRESSURE)
+    return _SENSORS.pack(0.0, wx, -wy, -wz, -fx, -fy, -fz, *level, *6 * [0.0], _PRESSURE)
 
 
 class FirmwareProcess:

@@ -1,6 +1,7 @@
 """A race in which the firmware drives the motors: how it is joined, and prepared for take-off."""
 
 import contextlib
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +35,9 @@ _CALIBRATION = 5.5  # s, in which it learns what its gyroscope shows at rest, an
 _ARMING = 0.3  # s, and as long again after the motors were tried
 _TRY = 0.1  # s, for which they are
 _TRY_THRUST = 0.01  # share of the greatest: too little for airmode
+_DISARMING = 0.5  # s, in which the firmware ends its log
+_LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
+LOG_NAME = "betaflight.bfl"  # of its log in a race's folder
 _LEFT_OUT = 3  # refused lines that are shown
 
 
@@ -64,8 +68,17 @@ def join_betaflight(
                 f"Betaflight does not take {count(len(refused), 'line')} of {source}: {shown}"
                 + (f", and {more} more" if more > 0 else "")
             )
-        with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
-            yield BetaflightTransport(process, sticks)
+        try:
+            with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
+                yield BetaflightTransport(process, sticks)
+        finally:
+            _keep_log(folder, output_dir)
+
+
+def _keep_log(folder: Path, output_dir: Path) -> None:
+    """Moves the firmware's log of its flight, if it wrote one, to a race's folder."""
+    for log in sorted(folder.glob(_LOGS))[-1:]:
+        shutil.copy(log, output_dir / LOG_NAME)
 
 
 def find_settings(scenario: "Scenario") -> Path:
@@ -159,3 +172,8 @@ class BetaflightTransport(Transport):
     def advance(self, simulator: "Simulator", time: float) -> str | None:
         simulator.AdvanceTo(time)
         return self._process.problem
+
+    def end(self, simulator: "Simulator") -> None:
+        """Disarms."""
+        for _ in range(round(_DISARMING / PERIOD)):
+            self._process.step(self._sticks.at_rest(armed=False), self._rest)

@@ -44,6 +44,8 @@ def test_it_takes_off_and_leaves_its_settings(firmware, tmp_path):
     result, lines, samples = fly(tmp_path / "a")
     assert result["exploration"]["success"] and lines == []
     assert samples[-1][3] == pytest.approx(5.0, abs=0.1)
+    log = (tmp_path / "a" / "betaflight.bfl").read_bytes()
+    assert log.startswith(b"H Product:Blackbox flight data recorder") and b"End of log" in log
     dump = (tmp_path / "a" / "betaflight.txt").read_text()
     assert "Betaflight / SITL" in dump and "set p_roll = 45" in dump
 

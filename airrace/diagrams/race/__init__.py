@@ -45,6 +45,7 @@ RESULTS = (
     "race.json",
     "race.mcap",
     "betaflight.txt",
+    "betaflight.bfl",
     "race.html",
     "report.html",
 )

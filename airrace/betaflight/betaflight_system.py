@@ -1,5 +1,7 @@
 """The flight controller of a simulated drone: the firmware, as a system."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from airrace.betaflight.firmware_process import PERIOD, REST, FirmwareProcess
@@ -7,6 +9,7 @@ from airrace.betaflight.sticks import Sticks
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
+from airrace.vehicle.sensor_failures import RadioFailure, failure_at
 
 
 class Betaflight(LeafSystem):
@@ -30,9 +33,18 @@ class Betaflight(LeafSystem):
     Context: time only goes forwards, and a race is built anew to be flown again.
     """
 
-    def __init__(self, *, process: FirmwareProcess, sticks: Sticks):
-        """Args: process: of the firmware, armed. sticks: what its settings make of them."""
+    def __init__(
+        self, *, process: FirmwareProcess, sticks: Sticks, failures: Iterable[RadioFailure] = ()
+    ):
+        """Constructs the flight controller.
+
+        Args:
+            process: of the firmware, armed.
+            sticks: what its settings make of them.
+            failures: when it hears no commands; its own failsafe acts then.
+        """
         LeafSystem.__init__(self)
+        self._failures = tuple(failures)
         self._process, self._sticks = process, sticks
         self._wanted = self.DeclareVectorInputPort("rate_command", 4)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
@@ -47,4 +59,8 @@ class Betaflight(LeafSystem):
             imu = np.concatenate((samples.angular_velocity[0], samples.specific_force[0]))
         outputs = self._process.end_step()
         discrete_state.get_mutable_value()[:] = self._sticks.rotor_speeds(outputs)
-        self._process.begin_step(imu, self._sticks.channels(read_vector(self._wanted, context)))
+        if self._failures and failure_at(self._failures, context.get_time()) is not None:
+            channels = self._sticks.no_signal()
+        else:
+            channels = self._sticks.channels(read_vector(self._wanted, context))
+        self._process.begin_step(imu, channels)

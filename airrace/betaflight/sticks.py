@@ -11,6 +11,7 @@ from airrace.common.errors import UserError
 from airrace.vehicle import Vehicle
 
 _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
+_NO_SIGNAL = 800  # below rx_min_usec
 _HALF = _HIGH - _MIDDLE
 _TABLE = np.linspace(0.0, 1.0, 1001)  # deflections of a stick
 _AXES = "roll", "pitch", "yaw"
@@ -54,6 +55,10 @@ class Sticks:
         if armed:
             channels[self._arm] = self._armed
         return channels
+
+    def no_signal(self) -> list[int]:
+        """Returns channels of a radio that hears nothing: no value that a stick could have."""
+        return CHANNELS * [_NO_SIGNAL]
 
     def channels_of_thrust(self, share: float) -> list[int]:
         """Returns channels for a share of the greatest thrust, with the other sticks at rest."""

@@ -1,6 +1,7 @@
 """A race in which the firmware drives the motors: how it is joined, and prepared for take-off."""
 
 import contextlib
+import dataclasses as dc
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,12 +24,14 @@ from airrace.diagrams.wiring import connect_by_name, export_inputs, inputs_of, o
 from airrace.systems.sensing.imu import Imu
 from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.imu_errors import turn_on_biases
+from airrace.vehicle.sensor_failures import RadioFailure
 
 if TYPE_CHECKING:
     from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import Diagram, System
 
     from airrace.scenario import Scenario
+    from airrace.systems.types import RefereeStatus
 
 _BOOT = 0.5  # s, of the firmware's time, before its radio is on
 _CALIBRATION = 5.5  # s, in which it learns what its gyroscope shows at rest, and a reserve
@@ -38,6 +41,8 @@ _TRY_THRUST = 0.01  # share of the greatest: too little for airmode
 _DISARMING = 0.5  # s, in which the firmware ends its log
 _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
 LOG_NAME = "betaflight.bfl"  # of its log in a race's folder
+_HOLD = 0.3  # s, for which Betaflight keeps what it heard last
+_LONG = 1e9  # s
 _LEFT_OUT = 3  # refused lines that are shown
 
 
@@ -107,10 +112,12 @@ class BetaflightTransport(Transport):
         """Args: process: of the firmware, just started. sticks: what its settings make of them."""
         self._process, self._sticks = process, sticks
         self._rest = REST
+        self._failures: list[RadioFailure] = []
 
     def AddToBuilder(
         self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
     ) -> "System":
+        self._failures = scenario.radio_failures
         self._rest = REST + turn_on_biases(scenario.imu.resolved(), scenario.seed)
         flown = builder.AddSystem(self._make_flown(scenario))
         connect_by_name(builder, [flown], outputs_of(simulation))
@@ -129,7 +136,9 @@ class BetaflightTransport(Transport):
             seed=scenario.seed,
             state_period=scenario.plant_config.time_step,
         )
-        betaflight = Betaflight(process=self._process, sticks=self._sticks)
+        betaflight = Betaflight(
+            process=self._process, sticks=self._sticks, failures=scenario.radio_failures
+        )
         builder.AddNamedSystem("flight_controllers_imu", imu)
         builder.AddNamedSystem("betaflight", betaflight)
         builder.Connect(imu.GetOutputPort("imu"), betaflight.GetInputPort("imu"))
@@ -173,7 +182,20 @@ class BetaflightTransport(Transport):
         simulator.AdvanceTo(time)
         return self._process.problem
 
+    def judged(self, status: "RefereeStatus", simulator: "Simulator") -> "RefereeStatus":
+        silent = [failure.time for failure in self._failures if _acted(failure, status)]
+        if status.dnf_reason is None or not silent:
+            return status
+        why = f"Betaflight's failsafe acted: it heard no commands from {silent[-1]:.1f} s on"
+        return dc.replace(status, dnf_reason=f"{status.dnf_reason}: {why}")
+
     def end(self, simulator: "Simulator") -> None:
         """Disarms."""
         for _ in range(round(_DISARMING / PERIOD)):
             self._process.step(self._sticks.at_rest(armed=False), self._rest)
+
+
+def _acted(failure: RadioFailure, status: "RefereeStatus") -> bool:
+    """Whether a failure has lasted long enough for the failsafe when the race ended."""
+    time = min(status.end_time or 0.0, failure.time + (failure.duration or _LONG))
+    return time - failure.time > _HOLD

@@ -16,7 +16,13 @@ from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
-from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
+from airrace.vehicle.sensor_failures import (
+    CAMERA_FAILURES,
+    IMU_FAILURES,
+    RADIO_FAILURES,
+    CameraFailure,
+    ImuFailure,
+)
 
 if TYPE_CHECKING:
     from airrace.scenario import PlannerConfig, Scenario
@@ -73,6 +79,7 @@ RANGES = {
     "rotor_failures[].time": (0, math.inf),
     "imu_failures[].time": (0, math.inf),
     "camera_failures[].time": (0, math.inf),
+    "radio_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
@@ -181,7 +188,11 @@ def check_estimator(scenario: "Scenario") -> None:
 def check_flight_controller(scenario: "Scenario") -> None:
     """Checks the flight controller's name, and that what flies can command it."""
     check_choice("flight_controller", scenario.flight_controller, ("internal", "betaflight"))
+    for i, failure in enumerate(scenario.radio_failures):
+        check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
     if scenario.flight_controller == "internal":
+        if scenario.radio_failures:
+            raise UserError("radio_failures need a radio: set flight_controller to betaflight.")
         return
     if scenario.policy != "none":
         raise UserError("A policy commands the rotors itself: set flight_controller to internal.")

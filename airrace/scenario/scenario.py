@@ -34,7 +34,7 @@ from airrace.scenario.visualization_config import VisualizationConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
-from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
+from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure, RadioFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 CORNERS = ("refit", "opencv")  # of markers
@@ -222,6 +222,7 @@ class Scenario:
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
     imu_failures: list[ImuFailure] = dc.field(default_factory=list)
     camera_failures: list[CameraFailure] = dc.field(default_factory=list)
+    radio_failures: list[RadioFailure] = dc.field(default_factory=list)  # of Betaflight's commands
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
     # The autonomy.

@@ -75,6 +75,15 @@ def test_a_firmware_killed_in_flight_ends_the_race_with_its_results(firmware, tm
 
 
 @pytest.mark.slow
+def test_a_firmware_without_commands_falls_back_on_its_own_failsafe(firmware, tmp_path):
+    text = BRIEF + "radio_failures: [{time: 2.0}]\n"
+    result, _, samples = fly(tmp_path / "a", text)
+    assert result["dnf_reason"].startswith("hit the ground")
+    assert "failsafe acted: it heard no commands from 2.0 s on" in result["dnf_reason"]
+    assert 2.5 < samples[-1][0] < 4.0  # it fell
+
+
+@pytest.mark.slow
 def test_a_team_is_told_what_is_not_taken(firmware, shipped, tmp_path):
     team = tmp_path / "team.txt"
     team.write_text(shipped.read_text() + "set dyn_notch_count = 3\n")

@@ -81,20 +81,30 @@ def test_it_ends_with_its_parent_however_that_ends(firmware, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_steps_are_answered_alike_on_a_busy_computer(firmware, configured, sticks):
-    def flight():
-        with contextlib.closing(FirmwareProcess(firmware, configured[0])) as process:
-            channels = 500 * [NO_RADIO] + 5000 * [sticks.at_rest(False)]
-            channels += 300 * [sticks.at_rest(True)] + 200 * [sticks.channels_of_thrust(0.2)]
-            turn = REST + np.array((0.3, -0.2, 0.1, 0.0, 0.0, 0.0))
-            return [
-                process.step(each, REST if i < 5800 else turn) for i, each in enumerate(channels)
-            ]
+def test_the_same_steps_are_answered_alike_by_two_at_once_on_a_busy_computer(
+    firmware, configured, sticks
+):
+    channels = 500 * [NO_RADIO] + 5000 * [sticks.at_rest(False)]
+    channels += 300 * [sticks.at_rest(True)] + 200 * [sticks.channels_of_thrust(0.2)]
+    turn = REST + np.array((0.3, -0.2, 0.1, 0.0, 0.0, 0.0))
 
-    alone = flight()
+    def flights(number):
+        with contextlib.ExitStack() as stack:
+            processes = [
+                stack.enter_context(contextlib.closing(FirmwareProcess(firmware, configured[0])))
+                for _ in range(number)
+            ]
+            answers = [[] for _ in processes]
+            for i, each in enumerate(channels):
+                for process, answer in zip(processes, answers):
+                    answer.append(process.step(each, REST if i < 5800 else turn))
+            return answers
+
+    (alone,) = flights(1)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
     try:
-        np.testing.assert_array_equal(flight(), alone)
+        for answer in flights(2):
+            np.testing.assert_array_equal(answer, alone)
     finally:
         for each in busy:
             each.kill()

@@ -75,7 +75,7 @@ def join_betaflight(
             )
         try:
             with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
-                yield BetaflightTransport(process, sticks)
+                yield BetaflightTransport(process, sticks, note)
         finally:
             _keep_log(folder, output_dir)
 
@@ -108,9 +108,15 @@ class BetaflightTransport(Transport):
 
     simulation = "SITL"
 
-    def __init__(self, process: FirmwareProcess, sticks: Sticks):
-        """Args: process: of the firmware, just started. sticks: what its settings make of them."""
-        self._process, self._sticks = process, sticks
+    def __init__(self, process: FirmwareProcess, sticks: Sticks, note: Callable[[str], object]):
+        """Constructs the transport.
+
+        Args:
+            process: of the firmware, just started.
+            sticks: what its settings make of them.
+            note: shows a line.
+        """
+        self._process, self._sticks, self._note = process, sticks, note
         self._rest = REST
         self._failures: list[RadioFailure] = []
 
@@ -177,6 +183,8 @@ class BetaflightTransport(Transport):
             )
         for _ in range(round(_ARMING / PERIOD)):
             process.step(sticks.at_rest(armed=True), self._rest)
+        if simulator.get_target_realtime_rate() > 0.0:
+            self._note(f"Betaflight's MSP and command line are at tcp://127.0.0.1:{process.port}")
 
     def advance(self, simulator: "Simulator", time: float) -> str | None:
         simulator.AdvanceTo(time)

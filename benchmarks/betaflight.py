@@ -2,9 +2,9 @@
 
     python -m benchmarks.betaflight [--quick] [--only steps laps] [--json FILE]
 
-A step is of 3 rad/s, or 1 rad/s of yaw, of a free body with the drone's inertia and rotors, at the thrust of a hover.
-Laps are flown on the known map of student-airrace, with the IMU's noise, within the limits of the
-rotors. It takes what `airrace betaflight build` builds.
+A step is of 3 rad/s, or 1 rad/s of yaw, of a free body with the drone's inertia and rotors, at the
+thrust of a hover. Laps are flown on the known map of student-airrace, with the IMU's noise, within
+the limits of the rotors. It takes what `airrace betaflight build` builds.
 """
 
 import contextlib

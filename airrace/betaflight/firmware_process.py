@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import socket
 import struct
 import subprocess
@@ -22,6 +23,7 @@ _STICKS = struct.Struct(f"<{CHANNELS}H")
 _MOTORS = struct.Struct("<H2x16f")
 _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
+_LIBRARY = "lockstep.so"  # in the folder of the process
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
 
@@ -64,9 +66,10 @@ class FirmwareProcess:
         self._motors = np.zeros(CHANNELS)
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
-        preload = {"LD_PRELOAD": str(firmware.library), "AIRRACE_LOCKSTEP_FD": str(other.fileno())}
+        preload = {"LD_PRELOAD": f"./{_LIBRARY}", "AIRRACE_LOCKSTEP_FD": str(other.fileno())}
         with other:
             try:
+                shutil.copy(firmware.library, folder / _LIBRARY)  # no path may have a space in it
                 self._process = subprocess.Popen(
                     [str(firmware.program)],
                     cwd=folder,
@@ -75,6 +78,7 @@ class FirmwareProcess:
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
+                    start_new_session=True,  # Ctrl-C in a terminal is for airrace
                 )
             except OSError as e:
                 self._socket.close()
@@ -91,14 +95,26 @@ class FirmwareProcess:
         """The process' number."""
         return self._process.pid
 
+    def connect(self) -> socket.socket:
+        """Returns a connection to the firmware's command line and MSP.
+
+        Raises:
+            OSError: if there is none.
+        """
+        try:
+            return socket.create_connection(("127.0.0.1", self.port or 0))
+        except OSError:  # where the computer prefers the other loopback
+            return socket.create_connection(("::1", self.port or 0))
+
     def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
         """Lets the firmware run for a step; end_step() is to be called before the next one.
 
         Args: imu: see state_packet(). channels: of the radio, 1000 to 2000, 16 numbers.
         """
-        with contextlib.suppress(OSError):  # end_step() says what is wrong
-            self._socket.send(state_packet(imu) + _STICKS.pack(*channels))
-        self._waiting = True
+        if self.problem is None:
+            with contextlib.suppress(OSError):  # end_step() says what is wrong
+                self._socket.send(state_packet(imu) + _STICKS.pack(*channels))
+            self._waiting = True
 
     def end_step(self) -> np.ndarray:
         """Returns what the motors get at the end of the step, 1000 to 2000, (16,); 0 if nothing.

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -106,7 +105,7 @@ def _command_line(process: FirmwareProcess) -> Iterator:
         process.step(NO_RADIO)
     if process.port is None:
         raise UserError(f"{process.problem or 'Betaflight has no command line'}.")
-    with socket.create_connection(("127.0.0.1", process.port)) as connection:
+    with process.connect() as connection:
         connection.settimeout(_POLL)
         asked = 0
 

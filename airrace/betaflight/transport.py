@@ -14,7 +14,7 @@ from airrace.betaflight.firmware import find_firmware
 from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, REST, FirmwareProcess
 from airrace.betaflight.settings import FILE_NAME, configure, state_of_arming
 from airrace.betaflight.sticks import Sticks
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.common.files import write_text
 from airrace.common.held_folders import temporary_folder
 from airrace.common.words import count
@@ -77,13 +77,16 @@ def join_betaflight(
             with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
                 yield BetaflightTransport(process, sticks, note)
         finally:
-            _keep_log(folder, output_dir)
+            _keep_log(folder, output_dir, note)
 
 
-def _keep_log(folder: Path, output_dir: Path) -> None:
-    """Moves the firmware's log of its flight, if it wrote one, to a race's folder."""
-    for log in sorted(folder.glob(_LOGS))[-1:]:
-        shutil.copy(log, output_dir / LOG_NAME)
+def _keep_log(folder: Path, output_dir: Path, note: Callable[[str], object]) -> None:
+    """Copies the firmware's log of its flight, if it wrote one, to a race's folder."""
+    try:
+        for log in sorted(folder.glob(_LOGS))[-1:]:
+            shutil.copy(log, output_dir / LOG_NAME)
+    except OSError as e:
+        note(f"There is no {LOG_NAME} ({words(e)})")
 
 
 def find_settings(scenario: "Scenario") -> Path:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,7 +18,11 @@ from airrace.betaflight.firmware_process import NO_RADIO, REST, FirmwareProcess
 
 @pytest.fixture
 def process(firmware, tmp_path):
-    with contextlib.closing(FirmwareProcess(firmware, tmp_path)) as process:
+    library = tmp_path / "with a space.so"
+    shutil.copy(firmware.library, library)
+    (tmp_path / "run").mkdir()
+    process = FirmwareProcess(firmware._replace(library=library), tmp_path / "run")
+    with contextlib.closing(process):
         yield process
 
 
@@ -58,6 +63,10 @@ def test_a_firmware_that_hangs_is_said(process, monkeypatch):
     os.kill(process.number, signal.SIGSTOP)
     process.step(NO_RADIO)
     assert process.problem == "Betaflight has not answered for 0.1 s"
+    begin = time.monotonic()
+    for _ in range(1000):  # nobody reads them
+        process.step(NO_RADIO)
+    assert time.monotonic() - begin < 1.0
 
 
 def test_it_ends_with_its_parent_however_that_ends(firmware, tmp_path):

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import DiagramBuilder
 
+from airrace.analysis.blackbox import FILE as LOG_NAME
+from airrace.analysis.blackbox import RACE_BEGINS
 from airrace.betaflight.betaflight_system import Betaflight
 from airrace.betaflight.firmware import find_firmware
 from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, REST, FirmwareProcess
@@ -35,12 +37,11 @@ if TYPE_CHECKING:
 
 _BOOT = 0.5  # s, of the firmware's time, before its radio is on
 _CALIBRATION = 5.5  # s, in which it learns what its gyroscope shows at rest, and a reserve
-_ARMING = 0.3  # s, and as long again after the motors were tried
+_ARMING = 0.3  # s
 _TRY = 0.1  # s, for which they are
 _TRY_THRUST = 0.01  # share of the greatest: too little for airmode
 _DISARMING = 0.5  # s, in which the firmware ends its log
 _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
-LOG_NAME = "betaflight.bfl"  # of its log in a race's folder
 _HOLD = 0.3  # s, for which Betaflight keeps what it heard last
 _LONG = 1e9  # s
 _LEFT_OUT = 3  # refused lines that are shown
@@ -184,7 +185,9 @@ class BetaflightTransport(Transport):
             raise UserError(
                 f"Betaflight does not arm ({state_of_arming(process)}): change its settings."
             )
-        for _ in range(round(_ARMING / PERIOD)):
+        # Its clock has begun with its first step, so its log can be put beside the race's.
+        left = RACE_BEGINS - (_BOOT + _CALIBRATION + _ARMING + _TRY)
+        for _ in range(round(left / PERIOD)):
             process.step(sticks.at_rest(armed=True), self._rest)
         if simulator.get_target_realtime_rate() > 0.0:
             self._note(f"Betaflight's MSP and command line are at tcp://127.0.0.1:{process.port}")

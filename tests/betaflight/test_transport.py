@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
 from airrace.betaflight.transport import join_betaflight
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
@@ -44,8 +45,12 @@ def test_it_takes_off_and_leaves_its_settings(firmware, tmp_path):
     result, lines, samples = fly(tmp_path / "a")
     assert result["exploration"]["success"] and lines == []
     assert samples[-1][3] == pytest.approx(5.0, abs=0.1)
-    log = (tmp_path / "a" / "betaflight.bfl").read_bytes()
-    assert log.startswith(b"H Product:Blackbox flight data recorder") and b"End of log" in log
+    log = read_blackbox(tmp_path / "a" / "betaflight.bfl")
+    log["time"] -= RACE_BEGINS
+    assert log["time"].iloc[0] < 0.0 and log["time"].iloc[-1] > samples[-1][0]
+    on_pad, in_flight = log["time"] < 0.4, log["time"].between(1.0, 3.0)
+    assert (log["motor[0]"][on_pad & (log["time"] > -0.2)] < 1050).all()
+    assert log["motor[0]"][in_flight].mean() == pytest.approx(1535, abs=30)
     dump = (tmp_path / "a" / "betaflight.txt").read_text()
     assert "Betaflight / SITL" in dump and "set p_roll = 45" in dump
 

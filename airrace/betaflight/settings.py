@@ -1,21 +1,24 @@
 """The firmware's settings: lines of its command line, given to it and read back."""
 
 import contextlib
+import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from airrace.betaflight.firmware import Firmware
 from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, FirmwareProcess
 from airrace.common.errors import UserError
+from airrace.common.processes import ending
 from airrace.common.words import count, printable
 
 FILE_NAME = "betaflight.txt"  # in a drone's folder, and in that of a run
 _EEPROM = "eeprom.bin"
 _BEGIN = "#"  # of the command line
 _PROMPT = b"\n# "
-_REFUSED = re.compile(r"###ERROR(?: IN \w+)?: *(.*?)###|(Unknown command|UNKNOWN COMMAND)[^\n]*")
+_REFUSED = re.compile(r"###ERROR(?: IN \w+)?: *(.*?)###")
+_SAVED = f"Betaflight {ending(0)}"  # what becomes of the process when its settings are saved
 # They end the command line, or begin and end what is given as one: it is, in any case.
 _NOT_GIVEN = ("batch", "save", "exit", "quit")
 _BOOT = 0.5  # s, of its own time, until the firmware has opened its command line
@@ -71,12 +74,10 @@ def configure(firmware: Firmware, source: Path, folder: Path) -> tuple[str, list
     lines = lines_of(source)
     with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
         with _command_line(process) as ask:
-            ask(_BEGIN)
-            answers = [(line, ask(line)) for line in lines]
             refused = [
-                Refused(printable(line), printable(_complaint(found)))
-                for line, answer in answers
-                if (found := _REFUSED.search(answer))
+                Refused(printable(line), printable(found[1].strip().lower()))
+                for line in lines
+                if (found := _REFUSED.search(ask(line)))
             ]
             if lines and len(refused) == len(lines):
                 raise UserError(
@@ -84,19 +85,20 @@ def configure(firmware: Firmware, source: Path, folder: Path) -> tuple[str, list
                     f"as {refused[0]}: it must hold lines of its command line."
                 )
             dump = ask("dump")
-            ask("save", last=True)
-    if process.problem is None or not (folder / _EEPROM).is_file():
-        raise UserError(f"Betaflight does not keep the settings of {source}: look at its lines.")
+            with contextlib.suppress(_Ended):
+                ask("save")
+    if process.problem != _SAVED or not (folder / _EEPROM).is_file():
+        raise UserError(f"Betaflight does not keep the settings of {source}: try it again.")
     _, _, kept = dump.replace("\r", "").partition("\n")
     return kept.rpartition("\n# ")[0].strip() + "\n", refused
 
 
-def _complaint(found: re.Match) -> str:
-    return (found[1] or found[2]).strip().lower()
+class _Ended(UserError):
+    """The firmware has ended while it was asked."""
 
 
 @contextlib.contextmanager
-def _command_line(process: FirmwareProcess) -> Iterator:
+def _command_line(process: FirmwareProcess) -> Iterator[Callable[[str], str]]:
     """Yields a function that gives a line to the firmware's command line, and returns its answer.
 
     Time goes on for the firmware while somebody waits for it, and only then.
@@ -107,35 +109,35 @@ def _command_line(process: FirmwareProcess) -> Iterator:
         raise UserError(f"{process.problem or 'Betaflight has no command line'}.")
     with process.connect() as connection:
         connection.settimeout(_POLL)
-        asked = 0
 
-        def ask(line: str, last: bool = False) -> str:
-            nonlocal asked
-            asked += 1
-            # A comment after the line, whose echo is the end of the answer.
-            mark = b"" if line == _BEGIN else b"#end of %d" % asked
-            rest = mark and b"\n" + mark + b"\n"
-            connection.sendall(line.encode("ascii", "replace") + rest)
+        def send(text: str, mark: bytes) -> str:
+            line, _, _ = text.partition("\n")
+            connection.sendall(text.encode("ascii", "replace"))
             answer = b""
             for _ in range(round(_PATIENCE / PERIOD)):
                 process.step(NO_RADIO)
                 if process.problem is not None:
-                    if last:
-                        return answer.decode("utf-8", "replace")
-                    raise UserError(f"{process.problem} at the line '{line}' of its settings.")
-                with contextlib.suppress(TimeoutError, OSError):
+                    raise _Ended(f"{process.problem}, after '{line}' of its settings.")
+                with contextlib.suppress(OSError):  # there is nothing yet
                     answer += connection.recv(65536)
-                if answer.endswith(_PROMPT) and mark in answer and not last:
-                    return answer.rpartition(mark)[0].decode("utf-8", "replace") if mark else ""
-            raise UserError(f"Betaflight does not answer to the line '{line}' of its settings.")
+                if mark in answer and answer.endswith(_PROMPT):
+                    return answer.rpartition(mark)[0].decode("utf-8", "replace")
+            raise UserError(f"Betaflight does not answer to '{line}' of its settings.")
 
+        numbers = itertools.count()
+
+        def ask(line: str) -> str:
+            # A comment after the line, whose echo is the end of the answer.
+            mark = f"#end of {next(numbers)}"
+            return send(f"{line}\n{mark}\n", mark.encode())
+
+        send(_BEGIN, _PROMPT)
         yield ask
 
 
 def state_of_arming(process: FirmwareProcess) -> str:
     """Returns what a firmware that runs says of why it does not arm."""
     with _command_line(process) as ask:
-        ask(_BEGIN)
         found = re.search(r"Arming disable flags: *(.*)", ask("status"))
     flags = found[1].replace("CLI", "").split() if found else []
     return ", ".join(flags) or "it does not say why"

@@ -40,3 +40,10 @@ def test_settings_that_are_none_are_refused(firmware, tmp_path):
         lines_of(path)
     with pytest.raises(UserError, match="cannot be read"):
         lines_of(tmp_path / "missing.txt")
+
+
+def test_a_line_that_ends_the_firmware_is_named(firmware, tmp_path):
+    (tmp_path / "team.txt").write_text("set p_roll = 44\ndefaults\n")
+    (tmp_path / "kept").mkdir()
+    with pytest.raises(UserError, match="exit code 0, after 'defaults' of its settings"):
+        configure(firmware, tmp_path / "team.txt", tmp_path / "kept")

@@ -111,6 +111,7 @@ class BetaflightTransport(Transport):
     """Joins a simulation to an autonomy and to the firmware, which drives the motors."""
 
     simulation = "SITL"
+    flight_controllers = ("betaflight",)
 
     def __init__(self, process: FirmwareProcess, sticks: Sticks, note: Callable[[str], object]):
         """Constructs the transport.

@@ -2,11 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.transport import Transport
 from airrace.diagrams.wiring import connect_by_name, outputs_of
-from airrace.scenario import INTERNAL
 
 if TYPE_CHECKING:
     from pydrake.systems.analysis import Simulator
@@ -23,10 +21,6 @@ class InProcess(Transport):
     def AddToBuilder(
         self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
     ) -> "System":
-        if scenario.flight_controller != INTERNAL:
-            raise UserError(
-                f"With flight_controller '{scenario.flight_controller}', only `airrace race` flies."
-            )
         autonomy = builder.AddSystem(MakeAutonomy(scenario))
         connect_by_name(builder, [autonomy], outputs_of(simulation))
         connect_by_name(builder, [simulation], outputs_of(autonomy))

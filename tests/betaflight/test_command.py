@@ -2,10 +2,15 @@
 
 from pathlib import Path
 
+import pytest
+
 from airrace.betaflight import firmware
 from airrace.betaflight.firmware import Firmware
 from airrace.commands.app import main
 from airrace.common.errors import UserError
+from airrace.diagrams.race import run_race
+from airrace.envs.options import EnvOptions, make_scenario
+from airrace.scenario import load_scenario
 
 
 def test_it_builds_and_says_where(monkeypatch, capsys):
@@ -40,6 +45,15 @@ def test_who_cannot_command_it_is_told(capsys):
     ):
         assert main(["race", "--scenario_text", text]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_what_cannot_fly_it_says_so(tmp_path):
+    scenario = load_scenario(scenario_text="{flight_controller: betaflight}")
+    with pytest.raises(UserError, match="only `airrace race` flies"):
+        run_race(scenario, tmp_path)
+    assert not [*tmp_path.iterdir()]
+    with pytest.raises(UserError, match="flight_controller internal"):
+        make_scenario(EnvOptions(scenario={"flight_controller": "betaflight"}))
 
 
 def test_a_build_that_fails_is_one_sentence(monkeypatch, capsys):

@@ -43,12 +43,12 @@ def test_it_is_built_once_and_found(cache, tmp_path):
     assert build_firmware(None, tmp_path / "not_there") == built  # nothing is done again
 
 
-def test_without_a_compiler_it_says_so(monkeypatch):
+def test_without_a_compiler_it_says_so(monkeypatch, tmp_path):
     which = shutil.which
     for tool in ("gcc", "make"):
         monkeypatch.setattr(shutil, "which", lambda name: None if name == tool else which(name))
         with pytest.raises(UserError, match=f"{tool} is missing: install it"):
-            build_firmware(lambda *what: None)
+            build_firmware(lambda *what: None, tmp_path / "not_reached")
 
 
 def test_what_cannot_be_built_leaves_nothing(tmp_path):

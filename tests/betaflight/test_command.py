@@ -40,7 +40,8 @@ def test_who_cannot_command_it_is_told(capsys):
     for text, words in (
         ("{flight_controller: px4}", "internal, betaflight"),
         ("{flight_controller: betaflight, policy: learned}", "A policy commands the rotors"),
-        ("{radio_failures: [{}]}", "need a radio"),
+        ("{radio_failures: [{}]}", "radio_failures is for Betaflight"),
+        ("{betaflight_config: team.txt}", "betaflight_config is for Betaflight"),
         ("{flight_controller: betaflight, radio_failures: [{kind: loud}]}", "one of silent"),
     ):
         assert main(["race", "--scenario_text", text]) == 2

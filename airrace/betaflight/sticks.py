@@ -15,9 +15,14 @@ _NO_SIGNAL = 800  # below rx_min_usec
 _HALF = _HIGH - _MIDDLE
 _TABLE = np.linspace(0.0, 1.0, 1001)  # deflections of a stick
 _AXES = "roll", "pitch", "yaw"
-_NEEDED = {"motor_idle", "min_check", "deadband", "yaw_deadband", "rates_type"} | {
-    f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")
-}
+_NEEDED = {
+    "motor_idle",
+    "yaw_motors_reversed",
+    "min_check",
+    "deadband",
+    "yaw_deadband",
+    "rates_type",
+} | {f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")}
 _ARM = re.compile(r"^aux \d+ 0 (\d+) (\d+) (\d+)", re.MULTILINE)
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left.
 _PLACES = ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -39,6 +44,7 @@ class Sticks:
                 "Betaflight than the one of `airrace betaflight build`."
             )
         self._order = _motors_of(vehicle)
+        _check_directions(vehicle, self._order, values["yaw_motors_reversed"] == "ON")
         self._max_speeds = vehicle.max_speeds
         self._most = float(vehicle.max_thrusts.sum())
         self._idle = int(values["motor_idle"]) / 1e4
@@ -110,6 +116,20 @@ def _motors_of(vehicle: Vehicle) -> list[int]:
             "race it with `--flight_controller internal`."
         )
     return [_PLACES.index(place) for place in places]
+
+
+def _check_directions(vehicle: Vehicle, order: list[int], is_reversed: bool) -> None:
+    """Refuses rotors that turn the other way: yaw would run away.
+
+    Args: order: see _motors_of(). is_reversed: whether motor 1 turns counter-clockwise.
+    """
+    first, second = ("ccw", "cw") if is_reversed else ("cw", "ccw")
+    expected = first, second, second, first
+    if any(rotor.direction != expected[i] for rotor, i in zip(vehicle.rotors, order)):
+        raise UserError(
+            f"The rotors of the {vehicle.name} do not turn as Betaflight's settings say: change "
+            "yaw_motors_reversed."
+        )
 
 
 def _rates(axis: str, values: Mapping[str, str]) -> np.ndarray:

@@ -11,6 +11,7 @@ DUMP = """# version
 aux 0 0 2 1700 2100 0 0
 aux 1 1 0 900 900 0 0
 set motor_idle = 550
+set yaw_motors_reversed = ON
 set min_check = 1050
 set deadband = 10
 set yaw_deadband = 0
@@ -81,6 +82,8 @@ def test_what_it_cannot_fly_is_said(vehicle):
         Sticks(DUMP.replace("ACTUAL", "QUICK"), vehicle)
     with pytest.raises(UserError, match="do not say min_check"):
         Sticks(DUMP.replace("min_check", "mincheck"), vehicle)
+    with pytest.raises(UserError, match="change yaw_motors_reversed"):
+        Sticks(DUMP.replace("reversed = ON", "reversed = OFF"), vehicle)
     star, _ = load_vehicle("StarOne")
     with pytest.raises(UserError, match="quadrotors whose arms make an X"):
         Sticks(DUMP, star)

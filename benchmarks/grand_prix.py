@@ -5,9 +5,11 @@
 rates       how often each message comes, of simulated time, beside docs/grand_prix.md
 soak        minutes with pictures: what got lost on the way, and whether memory grows
 malformed   20,000 bad datagrams around a good client: the race must be the same to the last bit
-courses     a client on generated courses: whether it finishes
+courses     a client on generated courses, nearly straight and winding: whether it finishes
+threads     250 commands a second from three threads that count alike, in real time: what is dropped
+flood       20,000 set-points a second: whether the time goes on
 reset       a hundred resets in a row: whether memory grows
-mavsdk      whether MAVSDK connects, reads the IMU, arms and climbs
+mavsdk      whether MAVSDK connects, reads the IMU, arms, takes off, flies a square and lands
 
 The client hovers, but for courses, where --client names a program that is started with
 --mavlink PORT --pictures PORT. Where time is simulated step by step, the figures are the same on
@@ -20,18 +22,21 @@ from pathlib import Path
 
 from airrace.common.interrupts import sigterm_as_ctrl_c
 from benchmarks import grand_prix_parts as parts
-from benchmarks import harness
+from benchmarks import grand_prix_threads, harness
 from benchmarks.peers import environments as env
 
 _RATE_ERROR = 0.02  # of the promised rate, at most
 _GROWTH = 10.0  # MB, by which memory may grow between the first minute and the last
 _GROWTH_PER_RESET = 0.1  # MB
+_FLOODED = 0.3  # simulated seconds in one of the simulator's processor time, in a flood
 _UNREAD = 62  # commands that may come after the race has ended
 _PARTS = {
     "rates": parts.rates,
     "soak": parts.soak,
     "malformed": parts.malformed,
     "courses": parts.courses,
+    "threads": grand_prix_threads.threads,
+    "flood": grand_prix_threads.flood,
     "reset": parts.reset,
     "mavsdk": parts.mavsdk,
 }
@@ -65,7 +70,10 @@ def main(argv=None) -> int:
         default=parts.ROOT / "examples" / "grand_prix_client.py",
         help="program that flies (default: examples/grand_prix_client.py)",
     )
-    courses.add_argument("--vq", type=int, choices=(1, 2), default=2, help="(default: 2)")
+    courses.add_argument(
+        "--vq", type=int, nargs="+", choices=(1, 2), default=[1, 2], help="(default: both)"
+    )
+    courses.add_argument("--quirks", default="official", help="(default: official)")
     courses.add_argument("--time_limit", type=float, default=480.0, help="s (default: 480)")
     pace = courses.add_mutually_exclusive_group()
     pace.add_argument(
@@ -74,6 +82,8 @@ def main(argv=None) -> int:
     pace.add_argument(
         "--twice", action="store_true", help="fly each twice: both must be the same, in steps"
     )
+    much = parser.add_argument_group("threads and flood")
+    much.add_argument("--thread_seconds", type=float, default=20.0, help="(default: 20)")
     resets = parser.add_argument_group("reset")
     resets.add_argument("--resets", type=harness.count, default=100, help="(default: 100)")
     sdk = parser.add_argument_group("mavsdk")
@@ -175,6 +185,7 @@ def show_courses(rows):
     One that is not finished is a result, too.
     """
     columns = {
+        "VQ": "{vq}",
         "seed": "{seed}",
         "finished": "{finished}",
         "gates": "{gates_passed} of {gates}",
@@ -186,10 +197,37 @@ def show_courses(rows):
         "twice the same": "{same}",
         "why not": lambda row: row["client"] or row["dnf_reason"] or "",
     }
-    finished = sum(row["finished"] for row in rows)
-    title = f"Generated courses: finished {finished} of {len(rows)}"
+    counts = []
+    for vq in sorted({row["vq"] for row in rows}):
+        of_it = [row["finished"] for row in rows if row["vq"] == vq]
+        counts.append(f"VQ{vq} {sum(of_it)} of {len(of_it)}")
+    title = f"Generated courses: finished {', '.join(counts)}"
     kept = all(row["same"] in (None, True) for row in rows)
     return [harness.make_table(title, rows, columns)], kept
+
+
+def show_threads(result):
+    """Returns the list of what became of commands, and whether none was dropped."""
+    figures = _link_figures(result)
+    if result["delay_ms"] is not None:
+        half, most = result["delay_ms"]
+        figures["command to motors and back, median, p99 (ms)"] = f"{half:.1f}, {most:.1f}"
+    kept = result["dropped"] == 0 and result["received"] > 0.99 * result["sent"]
+    return [harness.make_list("Three threads, in real time", figures)], kept
+
+
+def show_flood(result):
+    """Returns the list of what became of a flood, and whether the time has gone on."""
+    figures = _link_figures(result)
+    return [harness.make_list("A flood", figures)], result["simulated_per_cpu_s"] > _FLOODED
+
+
+def _link_figures(result):
+    return {
+        "seconds": result["seconds"],
+        "messages sent, received, dropped": "{sent}, {received}, {dropped}".format(**result),
+        "simulated seconds in a second of processor time": f"{result['simulated_per_cpu_s']:.2f}",
+    }
 
 
 def show_reset(rows):
@@ -214,7 +252,7 @@ def show_mavsdk(result):
     figures = {name: str(value) for name, value in steps.items()}
     figures["the race has started"] = "yes" if result["started"] else "no"
     kept = steps["connects"] and steps.get("imu_in_10_s", False) and result["started"]
-    kept = kept and steps["climbed_m"] > 1.0
+    kept = kept and steps["climbed_m"] > 1.0 and steps["square_m"] < 0.5 and steps["landed"]
     return [harness.make_list("MAVSDK as it is", figures)], kept
 
 
@@ -223,6 +261,8 @@ _SHOW = {
     "soak": show_soak,
     "malformed": show_malformed,
     "courses": show_courses,
+    "threads": show_threads,
+    "flood": show_flood,
     "reset": show_reset,
     "mavsdk": show_mavsdk,
 }

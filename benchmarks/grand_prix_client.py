@@ -97,7 +97,7 @@ class Client:
     Attributes:
         heard: see Heard. ports: of MAVLink and of pictures.
         hashes: of the messages and of the pictures that were heard until ``hash_until`` (s,
-            simulated), without numbers of messages and acknowledgements. There are two because
+            simulated), without numbers of messages and answers. There are two because
             nobody knows which of two sockets was first.
     """
 
@@ -173,7 +173,7 @@ class Client:
                     kind = "ENCAPSULATED_DATA, the track's rest"
             if heard.time > 0.0:  # before, time stands still
                 heard.add(kind, heard.time)
-            if heard.time <= self._hash_until and kind != "COMMAND_ACK":
+            if heard.time <= self._hash_until and kind not in ("COMMAND_ACK", "STATUSTEXT"):
                 self.hashes[0].update(kind.encode() + message.get_payload())
             if is_imu:
                 self._answered += 1

@@ -2,8 +2,8 @@
 
     python benchmarks/grand_prix_mavsdk.py PORT
 
-It connects, reads the IMU, arms and takes off by its set-points, and prints what became of that
-as JSON, one line.
+It connects, reads the IMU, arms, takes off, flies a square and lands, all by set-points of
+position, and prints what became of that as JSON, one line.
 """
 
 import json
@@ -13,11 +13,12 @@ import time
 
 import mavsdk
 from mavsdk.plugins.action import Action
-from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from mavsdk.plugins.telemetry import Telemetry
 
 _PATIENCE = 120.0  # s, until the simulator is there
-_CLIMB = 3.0  # s, at 1 m/s
+_SIDE, _HEIGHT = 2.0, 2.0  # m, of the square
+_LEG = 4.0  # s, for each leg
 
 
 def main(port: int) -> dict:
@@ -59,19 +60,32 @@ def _use(system, steps):
     time.sleep(1.0)
     steps["armed_in_telemetry"] = bool(telemetry.armed())
     offboard = Offboard(system)
-    climb = VelocityNedYaw(0.0, 0.0, -1.0, 0.0)
-    steps["offboard_setpoint"] = _tried(lambda: offboard.set_velocity_ned(climb))
-    steps["offboard_starts"] = _tried(offboard.start)
-    time.sleep(_CLIMB)
-    place = telemetry.position_velocity_ned()
-    steps["climbed_m"] = -place.position.down_m
+    corners = [(0.0, 0.0), (_SIDE, 0.0), (_SIDE, _SIDE), (0.0, _SIDE), (0.0, 0.0)]
+    off = []
+    for i, (north, east) in enumerate(corners):
+        corner = PositionNedYaw(north, east, -_HEIGHT, 0.0)
+        steps["offboard_setpoint"] = _tried(offboard.set_position_ned, corner)
+        if i == 0:
+            steps["offboard_starts"] = _tried(offboard.start)
+        time.sleep(_LEG)
+        place = telemetry.position_velocity_ned().position
+        if i == 0:
+            steps["climbed_m"] = -place.down_m
+        off.append(max(abs(place.north_m - north), abs(place.east_m - east)))
+    steps["square_m"] = max(off)  # greatest distance from a corner, in north or east
+    for i in range(9):
+        down = PositionNedYaw(0.0, 0.0, -_HEIGHT * (1.0 - i / 8), 0.0)
+        offboard.set_position_ned(down)
+        time.sleep(0.5)
+    time.sleep(_LEG)
+    steps["landed"] = -telemetry.position_velocity_ned().position.down_m < 0.3
     steps["disarms"] = _tried(action.disarm)
 
 
-def _tried(call):
+def _tried(call, *arguments):
     """Returns how a call ended, as words."""
     try:
-        result = call()
+        result = call(*arguments)
     except Exception as e:  # each plugin has errors of its own
         return f"{type(e).__name__}: {e}"
     return getattr(result, "name", "done")

@@ -14,16 +14,12 @@ KINDS = {
     "random bytes": ("malformed", "unknown"),
     "cut off": ("malformed",),
     "bad checksum": ("malformed", "unknown"),
-    "replayed": ("replayed",),
     "oversized": ("oversized",),
     "not a number": ("refused",),
     "of a stranger": ("strangers",),
     "to the picture port": (),
 }
 _QUIET = 62  # messages of the IMU, before it begins
-# Numbers of messages, after which nothing is replayed: they wrap after 256, so that what is more
-# than 128 behind looks as if it were ahead.
-_REMEMBERED = 100
 _NAN = math.nan
 
 
@@ -39,7 +35,6 @@ class NoisyClient(Client):
         super().__init__(**options)
         self.noise = dict.fromkeys(KINDS, 0)
         self._left, self._per_step, self._random = datagrams, per_step, random.Random(seed)
-        self._sent: list[tuple[int, bytes]] = []  # how many were sent before, and the datagram
         self._stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._stranger.bind(("127.0.0.1", 0))
 
@@ -51,13 +46,12 @@ class NoisyClient(Client):
         good = hover(number)
         with_it = b""
         if number > _QUIET and self.picture_source is not None:
-            # Whoever was silent for a second may begin his numbers anew: with this one.
+            # What is cut off before ends here, and does not go on in the good command.
             self.send(self.pack(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)))
             for _ in range(min(self._per_step, self._left)):
                 with_it += self._make_noise()
                 self._left -= 1
         data = b"".join(map(self.pack, good))
-        self._sent = [*self._sent[1 - _REMEMBERED :], (self.heard.sent, data)]
         # A refused command is an answer, too: alone, it would take the place of the good one.
         self.send(with_it + data)
 
@@ -81,9 +75,6 @@ class NoisyClient(Client):
 
     def _bad(self, kind):
         rng = self._random
-        if kind == "replayed":
-            oldest = self.heard.sent - _REMEMBERED
-            return rng.choice([data for number, data in self._sent if number > oldest])
         good = _packed(place(1.0, 2.0, -3.0), rng.randrange(256))
         if kind == "random bytes":
             return rng.randbytes(rng.randrange(1, 300))

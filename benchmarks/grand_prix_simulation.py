@@ -69,6 +69,15 @@ class Simulation:
         sizes = [line.split()[1] for line in lines if line.startswith("VmRSS")]
         return int(sizes[0]) * 1024 / 1e6 if sizes else float("nan")
 
+    @property
+    def cpu_seconds(self) -> float:
+        """Its processor time so far (s), NaN if it has ended."""
+        try:
+            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return float("nan")
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def interrupt(self) -> None:
         """Ends it as Ctrl-C does."""
         if self.running:

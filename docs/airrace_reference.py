@@ -7,6 +7,7 @@ The directive ``airrace-reference`` writes, by its argument:
 - ``imu_presets``: what the presets of the IMU mean;
 - ``systems``: the systems of the autonomy and their ports;
 - ``ports``: what crosses those ports;
+- ``dialects``: what each number on the wire means to clients of the AI Grand Prix;
 - ``options COMMAND``: the options of a subcommand of ``airrace``;
 - ``measurement NAME [TITLE]``: the tables of docs/measurements/NAME.json, which
   ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote, or only those whose
@@ -149,6 +150,33 @@ def _presets(head: str, presets: dict, config: type, text: Callable[[typing.Any]
         rows.append(_row(f"`{field.name}`", *values, escape(field.comment)))
     heads = [head, *(f"`{preset}`" for preset in presets), "meaning"]
     return "\n".join([_row(*heads), "|" + "---|" * len(heads), *rows])
+
+
+def dialects() -> str:
+    """Returns Markdown with a table of both dialects, and who says so of the official one."""
+    from airrace.mavlink.dialects import DIALECTS, Dialect
+
+    heads = ["what", *(f"`{name}`" for name in DIALECTS), "who says so"]
+    rows = [_row(*heads), "|" + "---|" * len(heads)]
+    for field in dc.fields(Dialect):
+        values = (_plain(getattr(dialect, field.name)) for dialect in DIALECTS.values())
+        rows.append(_row(escape(field.metadata["what"]), *values, field.metadata["says"]))
+    return "\n".join(rows)
+
+
+def _plain(value) -> str:
+    """Returns a value of a dialect in a cell: numbers with few digits, one after the other."""
+    if isinstance(value, bool) or value is None:
+        return yaml_value(value)
+    if isinstance(value, dict):
+        return ", ".join(f"{key}: {_plain(each)}" for key, each in value.items()) or "none"
+    if hasattr(value, "_asdict"):
+        return " ".join(name for name, each in value._asdict().items() if each) or "local"
+    if isinstance(value, tuple) and isinstance(value[0], tuple):
+        return ", ".join("BF"[x > 0] + "RL"[y > 0] for x, y in value)
+    if isinstance(value, tuple):
+        return " ".join(f"{each:.4g}" for each in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def systems() -> str:
@@ -488,6 +516,7 @@ _MAKERS = {
     "scenario": scenario_reference,
     "presets": presets,
     "imu_presets": imu_presets,
+    "dialects": dialects,
     "systems": systems,
     "ports": ports,
     "options": options,

@@ -1,4 +1,4 @@
-"""A client of the AI Grand Prix: finds orange gates in pictures, and flies through them.
+"""A client of the AI Grand Prix: finds red gates in pictures, and flies through them.
 
     .venv/bin/python examples/grand_prix_client.py     # and in another terminal: airrace grand-prix
 
@@ -18,7 +18,9 @@ import numpy as np
 from numpy.linalg import norm
 from pymavlink import mavutil
 
-GRAVITY, HOVER_THRUST = np.array([0.0, 0.0, 9.81]), 0.26  # m/s^2 in N, and a share of the greatest
+GRAVITY = np.array([0.0, 0.0, 9.81])  # m/s^2, in N
+# Sign of rates, thrust that hovers, and m/s^2 for 1 more of it: of the official simulator or not.
+DIALECTS = {"official": (-1, 0.266, 53.5), "none": (1, 0.2, 49.1)}
 K = np.array([[320.0, 0.0, 320.0], [0.0, 320.0, 180.0], [0.0, 0.0, 1.0]])
 UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
 R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
@@ -48,17 +50,19 @@ def pictures(stream, parts):
 def gates_in(picture, R_NC):
     """Yields ways to the gates of a picture (m), and their directions of flight, in N."""
     hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
-    brightness = hsv[:, :, 2] * (cv2.inRange(hsv, (6, 150, 80), (21, 255, 255)) > 0)
+    brightness = hsv[:, :, 2] * (cv2.inRange(hsv, (0, 150, 80), (10, 255, 255)) > 0)
     # The front of a gate is brighter than what is seen of its depth.
     front = (brightness > max(0.91 * brightness.max(), 80)).astype(np.uint8)
     contours, family = cv2.findContours(front, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     for contour, (*_, parent) in zip(contours, family[0] if contours else []):
         hull, (x, y, width, height) = cv2.convexHull(contour), cv2.boundingRect(contour)
         at_rim = min(x, y, 640 - x - width, 360 - y - height) < 2
-        if at_rim or min(width, height) < 12 or len(hull) < 4:
+        # A hole that is small beside what is around it is a letter.
+        least = 12 if parent < 0 else max(12, 0.4 * min(cv2.boundingRect(contours[parent])[2:]))
+        if at_rim or min(width, height) < least or len(hull) < 4:
             continue
         # A gate behind an opening, which has a parent, may hide parts of it: sides are drawn out.
-        size, grow, least = (2.7, 0.8, 0.93) if parent < 0 else (1.5, -1.8, 0.5)
+        size, grow, least = (2.72, 0.8, 0.93) if parent < 0 else (1.5, -1.8, 0.5)
         corners = cv2.approxPolyN(hull, 4)[0]
         is_whole = cv2.contourArea(contour) > least * cv2.contourArea(corners)
         off = corners - corners.mean(axis=0)
@@ -148,7 +152,7 @@ class Client:
         return np.clip(place - self.p, -1.0, 1.0), [np.cos(yaw), np.sin(yaw)]
 
     def command(self):
-        """Returns thrust (0 to 1) and body rates (rad/s)."""
+        """Returns the specific force along -z of B (m/s^2), and body rates (rad/s)."""
         self.choose()
         velocity, look = self.wish()
         thrust = GRAVITY - np.clip(2.5 * (velocity - self.v), -2.5, 2.5)  # by mass, against z of B
@@ -156,33 +160,42 @@ class Client:
         y = unit(np.cross(z, [look[0], look[1], 0.0]))
         error = cv2.Rodrigues(self.R.T @ np.column_stack([np.cross(y, z), y, z]))[0][:, 0]
         rates = np.clip([8.0, 8.0, 2.5] * error, [-6, -6, -2], [6, 6, 2])
-        return np.clip(HOVER_THRUST * (thrust @ self.R[:, 2]) / GRAVITY[2], 0.02, 0.9), rates
+        return thrust @ self.R[:, 2], rates
 
 
-def fly(client, link, stream, signs=1):
+def fly(client, link, stream, dialect):
     """Flies until the race is over; returns how many gates count, and the time of the finish."""
-    armed, parts, level = False, {}, [1, 0, 0, 0]  # an attitude, which is ignored
+    sign, hover, slope = dialect
+    armed, started, parts, level, epoch = False, False, {}, [1, 0, 0, 0], np.inf
     while message := link.recv_match(blocking=True, timeout=120):
         kind = message.get_type()
         if kind == "HEARTBEAT":
             armed = bool(message.base_mode & mavutil.mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             link.mav.heartbeat_send(6, 8, 0, 0, 0)  # a ground station's: here is the client
+        elif kind == "TIMESYNC":  # pictures have another clock, whose zero is the epoch's
+            epoch = min(epoch, (message.tc1 - message.ts1) / 1e9)
         elif kind == "ENCAPSULATED_DATA" and message.data[0] == 1:  # race status
-            _, _, _, finish, count, _ = struct.unpack_from("<BQqqIq", bytes(message.data))
+            _, now, start, finish, count, _ = struct.unpack_from("<BQqqIq", bytes(message.data))
             if finish >= 0:
                 return count, finish / 1e9
+            started = 0 <= start <= now  # before, a drone that moves is disqualified
             client.hear(count)
         elif kind == "HIGHRES_IMU":
             force = np.array([message.xacc, message.yacc, message.zacc])
-            rates = np.array([message.xgyro, message.ygyro, message.zgyro])
-            client.feel(message.time_usec / 1e6, force, signs * rates)
+            rates = sign * np.array([message.xgyro, message.ygyro, message.zgyro])
+            client.time = client.time if started else None  # still at rest
+            client.feel(message.time_usec / 1e6, force, rates)
+            link.mav.timesync_send(0, 1000 * message.time_usec)
             for time, picture in pictures(stream, parts):
-                client.look(time, picture)
-            if armed:
-                thrust, rates = client.command()
-                link.mav.set_attitude_target_send(0, 1, 1, 128, level, *(signs * rates), thrust)
-            else:
+                if started and time - epoch > client.past[0][0]:
+                    client.look(time - epoch, picture)
+            if not armed:  # again after the start, which disarms
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                continue
+            force, rates = client.command() if started else (0.0, np.zeros(3))
+            thrust = np.clip(hover + (force - GRAVITY[2]) / slope, 0.02, 0.9) * started
+            # 144: only rates and thrust count, and rates are in rad/s.
+            link.mav.set_attitude_target_send(0, 1, 1, 144, level, *(sign * rates), thrust)
     raise SystemExit("Nothing has come for two minutes: is the simulator there?")
 
 
@@ -190,11 +203,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mavlink", type=int, default=14550, help="port (default: 14550)")
     parser.add_argument("--pictures", type=int, default=5600, help="port (default: 5600)")
-    parser.add_argument("--official", action="store_true", help="with other signs of rates")
+    parser.add_argument("--quirks", choices=DIALECTS, default="official", help="as the simulator's")
     args = parser.parse_args()
     stream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**22)
     stream.bind(("127.0.0.1", args.pictures))
     link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{args.mavlink}", source_system=255)
     print(f"Waiting for a simulator at port {args.mavlink}.", flush=True)
-    count, finish = fly(Client(), link, stream, np.array([-1, 1, -1]) if args.official else 1)
+    count, finish = fly(Client(), link, stream, DIALECTS[args.quirks])
     print(f"Finished: gate {count} at {finish:.2f} s of the simulator's clock.")

@@ -63,6 +63,7 @@ league/season_run.py                     league/test_command.py
 league/worker.py                         league/test_entry_race.py
 mavlink/flight_controller.py             hitl/test_simulated_link.py
 mavlink/grand_prix.py                    mavlink/test_client_transport.py
+mavlink/splitter.py                      mavlink/test_client_link.py
 recording/log_sink.py                    recording/test_recorded_race.py
 recording/race_changes.py                recording/test_race_observer.py
 recording/race_events.py                 recording/test_race_observer.py

@@ -63,7 +63,7 @@ def _tracking(state: pd.DataFrame, reference: pd.DataFrame) -> pd.DataFrame:
     """Returns by how much the drone was off its reference: x, y, z and distance (m), yaw (rad)."""
     off = (state[["x", "y", "z", "yaw"]] - reference[["x", "y", "z", "yaw"]]).dropna()
     yaw = off.pop("yaw")
-    off.insert(0, "time", state["time"])
+    off.insert(0, "time", state["time"].reindex(off.index))  # an empty frame would take all
     off["distance"] = np.linalg.norm(off[["x", "y", "z"]], axis=1)
     off["yaw"] = wrap_angle(yaw)
     return off

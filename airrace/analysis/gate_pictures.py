@@ -25,7 +25,8 @@ class GatePicture(NamedTuple):
 
     gate: int  #: its number
     before: float  #: how long before the gate was crossed (s)
-    seen: bool  #: whether a marker of the gate was read in it
+    #: Whether a marker of the gate was read in it; None if nothing is known of what was read.
+    seen: bool | None
     jpeg: bytes  #: its bytes
 
     @property
@@ -56,7 +57,8 @@ def gate_pictures(run: "Run") -> list[GatePicture]:
             at = (read or near)[-1]
             if (picture := decoded(pictures[at])) is not None:
                 jpeg = _smaller(picture)
-                result.append(GatePicture(gate, float(time) - at, bool(read), jpeg))
+                is_seen = bool(read) if len(run.detections) else None
+                result.append(GatePicture(gate, float(time) - at, is_seen, jpeg))
     return result
 
 

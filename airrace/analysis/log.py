@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 
 from airrace.analysis.log_records import MAGIC, Damage, LogReader
 from airrace.common.errors import UserError
+from airrace.common.files import open_regular
 
 # What code meets that reads a message of another shape than it expects.
 _MISFITS = (
@@ -121,7 +122,7 @@ def is_complete(path: Path) -> bool:
         UserError: if there is no such file or it is no log.
     """
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             begin = file.read(len(MAGIC))
             size = file.seek(0, os.SEEK_END)
             file.seek(max(size - len(MAGIC), 0))

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airrace.analysis.along_lap import best_lap
+from airrace.analysis.course_report import make_course_report
 from airrace.analysis.gate_pictures import gate_pictures
 from airrace.analysis.log import reading
 from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
-from airrace.recording.race_json import RaceJson, WallJson
+from airrace.recording.race_json import RaceJson, WallJson, is_course_json
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import trajectory_name
 
@@ -134,9 +135,14 @@ def write_report(folder: str | Path) -> Path:
     Raises:
         UserError: if it holds no race, or the file cannot be written.
     """
-    run = Run(folder, without=_WITHOUT)
-    path = run.folder / FILE
-    with reading(run.folder, "what the report is made of"):
-        text = make_report(run)
-    write_text(path, text)
-    return path
+    folder = Path(folder)
+    folder = folder.parent if folder.is_file() else folder
+    if is_course_json(folder / "race.json"):
+        with reading(folder, "what the report is made of"):
+            text = make_course_report(folder)
+    else:
+        run = Run(folder, without=_WITHOUT)
+        with reading(folder, "what the report is made of"):
+            text = make_report(run)
+    write_text(folder / FILE, text)
+    return folder / FILE

@@ -2,16 +2,18 @@
 
 import contextlib
 import datetime
+import errno
 import hashlib
 import itertools
 import json
 import math
 import os
 import re
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from airrace.common.errors import UserError
 from airrace.common.held_folders import held, remove_abandoned
@@ -24,6 +26,25 @@ EVALUATION = (
     "evaluation.png",
     "evaluation.html",
 )
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Opens a file of somebody else's for reading, which waits for nobody who would write it.
+
+    Raises:
+        OSError: if it cannot be read, or is a pipe, a folder or a device.
+    """
+    file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is no file")
+    return file
+
+
+def read_regular(path: Path, most: int) -> bytes:
+    """Returns what is in a file, at most so many bytes; see open_regular()."""
+    with open_regular(path) as file:
+        return file.read(most)
 
 
 def write_text(path: Path, text: str) -> None:

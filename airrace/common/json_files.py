@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, NotRequired, Union
 
 from airrace.common.errors import UserError, words
+from airrace.common.files import read_regular
 
 _MAX_BYTES = 64_000_000
 _MAX_DEPTH = 60  # lists and objects within one another
@@ -42,9 +43,10 @@ def read_json[T](path: Path, schema: type[T], what: str, remedy: str) -> T:
         UserError: if it cannot be read, or does not fit the schema; with the first misfit's place.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
+        data = read_regular(path, _MAX_BYTES + 1)
+        if len(data) > _MAX_BYTES:
             raise ValueError(f"it is larger than {_MAX_BYTES // 1_000_000} MB")
-        return parse_json(path.read_bytes(), schema)
+        return parse_json(data, schema)
     except OSError as e:
         raise UserError(f"{path} cannot be read ({words(e)}); {remedy}.") from None
     except ValueError as e:

@@ -95,7 +95,8 @@ def own_folder() -> Path:
 
 def _is_writable(folder: Path) -> bool:
     """Whether files can be made in a folder, or else the folder can."""
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    # os.path's, unlike pathlib's, says of what is hidden from this user that it is not there.
+    there = next(path for path in (folder, *folder.parents) if os.path.exists(path))
     return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 

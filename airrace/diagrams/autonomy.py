@@ -112,7 +112,10 @@ def _make_part(
 
 def _output(ports: Mapping[Port, OutputPort], port: Port) -> OutputPort:
     if port not in ports:
-        raise UserError(f"The system {port.system} must have an output port '{port.name}'.")
+        there = ", ".join(name for system, name in ports if system == port.system) or "none"
+        raise UserError(
+            f"The system {port.system} must have an output port '{port.name}'; it has: {there}."
+        )
     return ports[port]
 
 

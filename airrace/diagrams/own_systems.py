@@ -43,7 +43,8 @@ def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenari
         system = make(scenario)
     except Exception as e:
         raise UserError(
-            f"systems.{name}: {path} cannot be called with the scenario ({_described(e)})."
+            f"systems.{name}: {path} cannot be called with the scenario ({_described(e)}); name a "
+            "function of it that returns a System, such as my_team:make_controller."
         ) from e
     if not isinstance(system, System):
         raise UserError(

@@ -13,6 +13,7 @@ from airrace.common.files import write_json
 from airrace.common.patience import patient
 from airrace.common.processes import ending, real_time_priority
 from airrace.common.tick_times import LoopTimes
+from airrace.common.words import count as words_count
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.budget import Budget, prepare_halves
 from airrace.hitl.checkpoint import race_of
@@ -154,7 +155,7 @@ class AutonomyProcess:
         now = self._endpoint.now()
         if now - self._said > _NEWS:
             self._said = now
-            self._log(f"airrace: compiling, once; {count} functions are done")
+            self._log(f"airrace: compiling, once; {words_count(count, 'function')} done")
 
     def _save_counts(self):
         """Writes counts of what came over the link."""

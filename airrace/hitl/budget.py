@@ -1,5 +1,6 @@
 """What pilot and navigator take of a computer, beside what there is: whether it is fast enough."""
 
+import collections
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -92,21 +93,29 @@ def prepare_halves(
     """
     with jit.watched(show):
         warm_up_pilot(scenario, briefly)
-    _wait_for(navigator, Playing, show, poll)
+    said = collections.deque[Message]()
+    _wait_for(navigator, said, Playing, show, poll)
     spent = play_pilot(scenario, duration)
-    share = _wait_for(navigator, Warm, show, poll).share
+    share = _wait_for(navigator, said, Warm, show, poll).share
     return Budget(spent.sum() / duration, share, float(np.quantile(spent, 0.999)), processors())
 
 
 def _wait_for[M: Message](
     navigator: "NavigatorProcess",
+    said: collections.deque[Message],
     kind: type[M],
     show: Callable[[int], object],
     poll: Callable[[], object],
 ) -> M:
-    """Waits until the navigator sends a message of a kind; returns it."""
+    """Waits until the navigator sends a message of a kind; returns it.
+
+    Args: said: what it has sent and nobody has looked at. A navigator that is the first to be warm
+    has sent all by the time that the pilot looks.
+    """
     while True:
-        for message in navigator.receive():
+        said.extend(navigator.receive())
+        while said:
+            message = said.popleft()
             if isinstance(message, kind):
                 return message
             if isinstance(message, Compiling):

@@ -111,7 +111,7 @@ def autonomy(
     link_key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     output: Annotated[Path, Parameter(metavar="DIR")] = Path("autonomy"),
     resume: Annotated[Path | None, Parameter(metavar="DIR")] = None,
-    patience: Annotated[float, Parameter(metavar="S")] = 60.0,
+    patience: Annotated[float, Parameter(metavar="S")] = 180.0,
 ) -> int:
     """Run the autonomy, for a simulation at the other end.
 
@@ -123,13 +123,15 @@ def autonomy(
         output: where its map and its checkpoint go (default: autonomy)
         resume: go on in a race that is on, with the checkpoint in the --output folder of the
             one that has ended; only of a folder that you trust, it can hold code
-        patience: how long to wait for the simulation (default: 60 s)
+        patience: how long to wait for the simulation (default: 180 s)
     """
     from airrace.common.files import results_folder
     from airrace.common.interrupts import interrupt_flag
     from airrace.hitl.autonomy_process import AutonomyProcess
     from airrace.hitl.link.endpoint import DEFAULT_URL
+    from airrace.hitl.lockstep_autonomy import LEFT, STOPPED
 
+    ends = {LEFT: "the race is over", STOPPED: "interrupted"}
     key, url = key_of(link_key), lcm_url or DEFAULT_URL
     scenario, bus = scenario_and_bus(options, url, key)
     with contextlib.closing(bus), interrupt_flag() as interrupted:
@@ -140,7 +142,10 @@ def autonomy(
             with contextlib.closing(process):
                 process.prepare(url, key)
                 print(READY, flush=True)
-                return process.run(patience)
+                code = process.run(patience)
+            if code in ends:
+                print(f"airrace: {ends[code]}; see {folder}", flush=True)
+            return code
 
 
 @sigterm_as_ctrl_c()

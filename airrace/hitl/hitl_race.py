@@ -112,6 +112,11 @@ def remote_transport(
             stack.enter_context(contextlib.closing(there))
             folder = output_dir / "autonomy"
             poll, poll_start = _start(there, scenario, url, key, folder, note, stack)
+        else:
+            note(
+                f"Waiting for an autonomy, at most {patience:.0f} s after the last sign of one: "
+                f"airrace hitl autonomy --lcm_url '{url}'"
+            )
         me = Partner(secrets.token_hex(16), shared_settings(scenario, channels), url=url)
         if not lockstep:
             warm_up(scenario)

@@ -1,7 +1,9 @@
 """The sockets between the simulator and one client."""
 
+import collections
 import contextlib
 import dataclasses as dc
+import errno
 import select
 import socket
 import time
@@ -11,22 +13,31 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.common.errors import UserError, words
+from airrace.mavlink.commands import ARM, RESET, SET_MODE, SETPOINTS
+from airrace.mavlink.splitter import LARGEST, Splitter
 
 SYSTEM_ID, COMPONENT_ID = 1, 1
-_LARGEST = 4096  # bytes of a datagram: all that follow each other in one are far less
 _BUFFER = 4 * 1024 * 1024  # bytes, that wait in a socket
 _PATIENCE = 2.0  # s without a word, after which another client may take over
-_RESTART = 1.0  # s without a word, after which a client's numbers may begin anew
+_LISTENERS, _LISTENING = 4, 5.0  # ground stations at a time, and s after the last word of one
 _MOST_AT_ONCE = 2000  # datagrams that are read in one go: a flood must not stop the time
+_MANY = 32  # datagrams at once, which come after a pause of a client that sends 250 a second; of
+_MOST_OF_A_KIND = 16  # more, so many of each type are taken, the newest
+_MOST_STRANGERS = 100  # who are named on the terminal
 
 
 class Addresses(NamedTuple):
-    """Where the client is."""
+    """Where the client is, and which ports of this side it knows."""
 
     host: str = "127.0.0.1"  # of the client
     port: int = 14550  # at which it waits for MAVLink
     picture_port: int = 5600  # for pictures
     bind: str = "127.0.0.1"  # address of this computer that is used, 127.0.0.1 for nobody else
+    from_port: int = 0  # that MAVLink is sent from, 0 for any
+    from_picture_port: int = 0  # that pictures are sent from, 0 for any
+    # Whether MAVLink goes to `port` wherever the client's words are from; then all ports of its
+    # computer are its own.
+    fixed_port: bool = False
 
 
 @dc.dataclass
@@ -40,43 +51,52 @@ class Counts:
     oversized: int = 0  # datagrams that are too long
     # Messages of types that MAVLink's common set does not have, whose checksum nobody knows
     unknown: int = 0
-    replayed: int = 0  # messages whose number is not after the one before
+    dropped: int = 0  # messages of which too many came at once
     refused: int = 0  # commands that cannot be obeyed
+    elsewhere: int = 0  # commands for other vehicles
     strangers: int = 0  # datagrams of other clients than the first
 
 
 class ClientLink:
     """Sends MAVLink and pictures to one client, and collects what it says.
 
-    It sends first, to the address that it is given, and then to the one that answers. Until
-    that has been silent for two seconds, nobody else is heard. Of what is no good, nothing
-    happens but that it is counted.
+    It sends first, to the address that it is given. The first one that commands something is the
+    client; until it has been silent for two seconds, nobody else may command. Others may listen: a
+    ground station that sends heartbeats is told all that the client is. Numbers of messages are
+    not looked at: a client may send from several threads that count alike. Of what is no good,
+    nothing happens but that it is counted.
 
     Attributes:
         counts: see Counts.
-        client: address of the client that has answered, None before.
+        client: address of the client that commands, None before.
+        heard: whether the client, or whoever is where it is expected, has said anything.
         messages: what came and was not taken yet, oldest first.
         note: shows a line.
+        time: simulated (s), as of the last listening.
+        tap: is called with each message of both sides: the time (s), whether it was sent, and its
+            bytes.
     """
 
     def __init__(self, addresses: Addresses, note: Callable[[str], object] = print):
         """Opens the sockets; raises UserError if an address cannot be used."""
         self.counts, self.messages = Counts(), []
-        self.note = note
+        self.note, self.tap, self.time = note, _no_tap, 0.0
         self._to, self._pictures_to = _resolved(addresses)
+        self._fixed = addresses.fixed_port
         try:
-            self._socket = _udp(addresses.bind)
-            self._pictures = _udp(addresses.bind)
+            self._socket = _udp(addresses.bind, addresses.from_port, note)
+            self._pictures = _udp(addresses.bind, addresses.from_picture_port, note)
         except OSError as e:
             raise UserError(
                 f"--bind {addresses.bind} cannot be used ({words(e)}); give an address of this "
                 "computer, such as 127.0.0.1 or 0.0.0.0."
             ) from None
         self._writer = mavlink.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
-        self._parser = mavlink.MAVLink(None)
+        self._splitters: dict[tuple, Splitter] = {}
         self.client: tuple | None = None
+        self.heard = False
         self._heard_at = -1e9
-        self._numbers: dict[tuple[int, int], int] = {}
+        self._listeners: dict[tuple, float] = {}
         self._strangers: set[tuple] = set()
 
     @property
@@ -93,9 +113,14 @@ class ClientLink:
         """Sends a MAVLink message; what does not get through is lost, as always on UDP."""
         data = message.pack(self._writer)
         self._writer.seq = (self._writer.seq + 1) % 256
+        self.tap(self.time, True, data)
+        to = self._to if self._fixed or self.client is None else self.client
         with contextlib.suppress(OSError):
-            self._socket.sendto(data, self.client or self._to)
+            self._socket.sendto(data, to)
             self.counts.sent += 1
+        for listener in self._listeners:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, listener)
 
     def send_picture(self, datagram: bytes) -> None:
         """Sends a datagram to the client's port of pictures."""
@@ -108,65 +133,107 @@ class ClientLink:
         return bool(select.select([self._socket], [], [], seconds)[0])
 
     def drain(self) -> None:
-        """Reads all that has come into ``messages``."""
+        """Reads all that has come into ``messages``; of a flood, only what is newest."""
+        came = []
         for _ in range(_MOST_AT_ONCE):
             try:
-                data, sender = self._socket.recvfrom(_LARGEST + 1)
+                came.append(self._socket.recvfrom(LARGEST + 1))
             except BlockingIOError:
-                return
+                break
             except OSError:  # what an earlier datagram met, such as a port that is closed
                 continue
-            self._take(data, sender)
+        now = time.monotonic()
+        self._listeners = {a: at for a, at in self._listeners.items() if now < at + _LISTENING}
+        for data, sender in self._newest(came):
+            self._take(data, sender, now)
 
     def take(self) -> list:
         """Returns the messages that came, and forgets them."""
         taken, self.messages = self.messages, []
         return taken
 
-    def _take(self, data, sender):
-        is_free = self.client is None or time.monotonic() > self._heard_at + _PATIENCE
-        if len(data) > _LARGEST:
+    def _newest(self, came):
+        """Returns the datagrams without those of which too many of a kind have come."""
+        if len(came) <= _MANY:
+            return came
+        left, kept = collections.Counter[tuple](), []
+        for data, sender in reversed(came):
+            kind = sender, data[7:10]  # where MAVLink 2 has its type
+            left[kind] += 1
+            if left[kind] <= _MOST_OF_A_KIND:
+                kept.append((data, sender))
+        self.counts.dropped += len(came) - len(kept)
+        return kept[::-1]
+
+    def _take(self, data, sender, now):
+        if len(data) > LARGEST:
             self.counts.oversized += 1
-        elif sender != self.client and not is_free:
-            self.counts.strangers += 1
-            if sender not in self._strangers and len(self._strangers) < 100:
-                self._strangers.add(sender)
-                client = self.client or self._to
-                self.note(
-                    f"Refused {_named(sender)}: {_named(client)} flies, and one client at a time."
-                )
-        else:
-            for message in self._parsed(data):
-                self._accept(message, sender)
-
-    def _parsed(self, data):
-        """Returns the messages of a datagram, all of them or none."""
-        try:
-            found = self._parser.parse_buffer(data) or []
-            if not found or self._parser.buf_len():
-                raise mavlink.MAVError("the last message is not complete")
-        except Exception:  # pymavlink raises errors of many kinds on bad bytes
-            self.counts.malformed += 1
-            self._parser = mavlink.MAVLink(None)
-            return []
-        known = [each for each in found if not isinstance(each, mavlink.MAVLink_unknown)]
-        self.counts.unknown += len(found) - len(known)
-        return known
-
-    def _accept(self, message, sender):
-        now = time.monotonic()
-        source = message.get_srcSystem(), message.get_srcComponent()
-        if sender != self.client or now > self._heard_at + _RESTART:
-            if sender != self.client:
-                self.note(f"Client at {_named(sender)}.")
-            self.client, self._numbers = sender, {}
-        number = message.get_seq()
-        if source in self._numbers and not 0 < (number - self._numbers[source]) % 256 < 128:
-            self.counts.replayed += 1
             return
-        self._numbers[source], self._heard_at = number, now
-        self.counts.received += 1
-        self.messages.append(message)
+        if sender not in self._splitters and len(self._splitters) >= _MOST_STRANGERS:
+            self._splitters.clear()
+        splitter = self._splitters.setdefault(sender, Splitter())
+        messages, faults = splitter.split(data)
+        known = [each for each in messages if not isinstance(each, mavlink.MAVLink_unknown)]
+        self.counts.unknown += len(messages) - len(known)
+        if faults:
+            self.counts.malformed += faults
+            if splitter.is_first_fault():
+                self.note(f"Datagrams of {_named(sender)} are not MAVLink, in whole or in part.")
+        if known and self._may_speak(known, sender, now):
+            for message in known:
+                self.tap(self.time, False, bytes(message.get_msgbuf()))
+            self.counts.received += len(known)
+            self.counts.elsewhere += sum(not is_for_us(message) for message in known)
+            self.messages += known
+
+    def _may_speak(self, messages, sender, now):
+        """Returns whether a sender is heard; one that commands becomes the client if none is."""
+        is_free = self.client is None or now > self._heard_at + _PATIENCE
+        commands = any(controls(message) for message in messages)
+        if self._is_client(sender):
+            self._heard_at = now
+        elif commands and is_free:
+            self.client, self._heard_at = sender, now
+            self._listeners.pop(sender, None)
+            self.note(f"Client at {_named(sender)}.")
+        elif commands:
+            self._refuse(sender)
+            return False
+        elif sender != self._to and any(message.get_type() == "HEARTBEAT" for message in messages):
+            if sender in self._listeners or len(self._listeners) < _LISTENERS:
+                self._listeners[sender] = now
+        self.heard = self.heard or sender in (self._to, self.client)
+        return True
+
+    def _is_client(self, sender):
+        """Whether a sender is the client, which may have several ports if one is told all."""
+        if self.client is None:
+            return False
+        return sender == self.client or (self._fixed and sender[0] == self.client[0])
+
+    def _refuse(self, sender):
+        self.counts.strangers += 1
+        if sender not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+            self._strangers.add(sender)
+            self.note(
+                f"Refused {_named(sender)}: {_named(self.client)} flies, and one client at a time."
+            )
+
+
+def is_for_us(message: Any) -> bool:
+    """Returns whether a message is for this vehicle, or for all."""
+    return getattr(message, "target_system", SYSTEM_ID) in (0, SYSTEM_ID)
+
+
+def controls(message: Any) -> bool:
+    """Returns whether a message asks to control this vehicle, and does not only listen."""
+    kind = message.get_type()
+    is_order = kind == "COMMAND_LONG" and message.command in (ARM, RESET, SET_MODE)
+    return (kind in SETPOINTS or is_order) and is_for_us(message)
+
+
+def _no_tap(time: float, sent: bool, data: bytes) -> None:
+    """What is said on a link that nobody records."""
 
 
 def _resolved(addresses: Addresses) -> tuple[tuple, tuple]:
@@ -189,13 +256,19 @@ def _resolved(addresses: Addresses) -> tuple[tuple, tuple]:
     return (host, addresses.port), (host, addresses.picture_port)
 
 
-def _udp(bind):
-    """Returns a UDP socket that does not block."""
+def _udp(bind, port, note):
+    """Returns a UDP socket that does not block, at a port, or if that is taken, at any."""
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         udp.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
-        udp.bind((bind, 0))
+        try:
+            udp.bind((bind, port))
+        except OSError as e:
+            if e.errno != errno.EADDRINUSE:
+                raise
+            udp.bind((bind, 0))
+            note(f"Port {port} is taken: port {udp.getsockname()[1]} is used in its place.")
         udp.setblocking(False)
     except OSError:
         udp.close()

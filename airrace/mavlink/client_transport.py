@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from airrace.common.errors import UserError
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.diagrams.wiring import connect_by_name, outputs_of
-from airrace.mavlink.bridge import AFTER, MavlinkBridge, is_command
+from airrace.mavlink.bridge import AFTER, EARLY_START, MavlinkBridge, is_command
 from airrace.mavlink.flight_controller import MakeFlightController
 from airrace.systems.failsafe.setpoint_watchdog import FOLLOW, HOVER, LAND, OFF, SetpointWatchdog
 from airrace.systems.referee import OUT_OF_TIME
@@ -39,7 +39,7 @@ class ClientTransport(Transport):
     """Joins a simulation to a client: see airrace/diagrams/transport.py.
 
     In real time, time goes on from the beginning, as in the official simulator. As fast as it can
-    and in steps, it waits for the client's first word. In steps, it also waits for one command
+    and in steps, it waits for the first word of the client. In steps, it also waits for one command
     after every HIGHRES_IMU. A client that has not answered for two seconds is not waited for again
     until its next command. One that sends more than one command is obeyed, but what comes late
     counts as the next answer, and how late it comes depends on the computer.
@@ -53,8 +53,15 @@ class ClientTransport(Transport):
     bridge: MavlinkBridge
     _watchdog: SetpointWatchdog
 
-    def __init__(self, scenario: "Scenario", link: "ClientLink"):
-        """Args: scenario: the race. link: to the client; it stays open after the race."""
+    def __init__(self, scenario: "Scenario", link: "ClientLink", before: float | None = None):
+        """Constructs the transport.
+
+        Args:
+            scenario: the race.
+            link: to the client; it stays open after the race.
+            before: how long races in the same process have lasted (s), None for the first.
+        """
+        self._before = before
         self._link, self._config = link, scenario.mavlink
         self._imu_rate = scenario.imu.rate
         self._waits = self._config.step or not scenario.simulator_config.target_realtime_rate
@@ -80,7 +87,9 @@ class ClientTransport(Transport):
             raise UserError(
                 f"A client flies drones of four rotors, which the {vehicle.name} is not."
             )
-        controller = builder.AddSystem(MakeFlightController(scenario, track, vehicle, self._link))
+        controller = builder.AddSystem(
+            MakeFlightController(scenario, track, vehicle, self._link, self._before)
+        )
         self.bridge = controller.GetSubsystemByName("mavlink_bridge")
         self._watchdog = controller.GetSubsystemByName("setpoint_watchdog")
         connect_by_name(builder, [controller], outputs_of(simulation))
@@ -88,7 +97,7 @@ class ClientTransport(Transport):
         return controller
 
     def advance(self, simulator: "Simulator", time: float) -> str | None:
-        if self._waits and self._link.client is None:
+        if self._waits and not self._link.heard:
             self.bridge.greet()
             self._link.wait(_GREETING)
             self._link.drain()
@@ -103,9 +112,11 @@ class ClientTransport(Transport):
             return RESET_BY_CLIENT
         self._tell_watchdog(simulator)
         context = self.bridge.GetMyContextFromRoot(simulator.get_context())
-        started = self.bridge.started(context)
-        flown = simulator.get_context().get_time() - started
-        return OUT_OF_TIME if started >= 0.0 and flown >= self._config.time_limit else None
+        flight = self.bridge.flight(context)
+        if flight.early >= 0.0:
+            return EARLY_START
+        over = simulator.get_context().get_time() >= flight.start + self._config.time_limit
+        return OUT_OF_TIME if flight.begun and over else None
 
     def _tell_watchdog(self, simulator):
         """Counts and says that nobody flies the drone any more, or again."""
@@ -153,7 +164,7 @@ class ClientTransport(Transport):
 
     def end(self, simulator: "Simulator") -> None:
         """Goes on for a second, in which the client learns that the race is over."""
-        if not self.reset_wanted and self._link.client is not None:
+        if not self.reset_wanted and self._link.heard:
             self._silent = True  # who is done answers no more
             simulator.AdvanceTo(simulator.get_context().get_time() + _FAREWELL)
 

@@ -17,8 +17,9 @@ from airrace.scenario.options import RACE, RUN, ScenarioOptions, resolve_scenari
 
 if TYPE_CHECKING:
     from airrace.mavlink.client_link import Addresses
+    from airrace.mavlink.dialects import Dialect
+    from airrace.recording.race_events import Sink
     from airrace.scenario import Scenario
-    from airrace.scenario.mavlink_config import QuirksConfig
 
 EPILOG = """\
 Start it, and then a client that waits for MAVLink at 127.0.0.1:14550 and for pictures
@@ -32,21 +33,23 @@ examples:
   airrace grand-prix --step                   as fast as the client, and repeatable
   airrace track --kind square --seed 7 > seven.yaml
   airrace grand-prix --track seven.yaml --runs 0    race after race, until Ctrl-C
-  airrace grand-prix --quirks official        with the habits of the official build
+  airrace grand-prix --course official-like   17 gates, as in the second qualifier
+  airrace grand-prix --quirks none            clean NED and FRD, for MAVSDK
 
 --step waits for exactly one command, which is a set-point, arm or reset, after every
 HIGHRES_IMU. A client that sends none for two seconds is not waited for until it sends
 again; one that sends more flies, but not the same twice.
 
 ./run.bash -s MAVLINK is the same command.
-The results are in the output folder: race.json, scenario.yaml, race.mcap, and
-race.html with --meshcat. MAVLink neither authenticates nor encrypts: without
---bind, nobody but this computer is heard.
+The results are in the output folder: race.json, scenario.yaml, race.mcap, race.html with
+--meshcat, race.tlog with --tlog; `airrace report` shows how a gate was missed. MAVLink
+neither authenticates nor encrypts: without --bind, nobody but this computer is heard.
 Exit codes: 0 finished, 1 did not finish, 2 bad input."""
 CLIENT = Group("The client", sort_key=2)
 SCENARIO_FILE = "grand_prix"
-RESULTS = ("scenario.yaml", "race.json", "race.mcap", "race.html")
-_OFFICIAL, _NO_QUIRKS = "official", "none"
+RESULTS = ("scenario.yaml", "race.json", "race.mcap", "race.html", "race.tlog")
+# The courses of --course official-like, by the virtual qualifier.
+_COURSES = {1: "grand-prix-straight", 2: "grand-prix"}
 
 
 @Parameter(name="*")
@@ -64,10 +67,12 @@ class GrandPrixOptions(ScenarioOptions):
     "what draws the camera's image (default: planar, which is fast)"
     vq: Annotated[Literal[1, 2] | None, Parameter(group=RACE)] = None
     ("virtual qualifier: 1 = pose and places of the gates are sent; 2 = they are not (default: 2)")
-    quirks: Annotated[str | None, Parameter(group=RACE, metavar="official|none|NAME,..")] = None
+    course: Annotated[Literal["official-like"] | None, Parameter(group=RACE)] = None
+    "a track like that of the virtual qualifier --vq, in place of --track"
+    quirks: Annotated[Literal["official", "none"] | None, Parameter(group=RACE)] = None
     (
-        "habits of the official build: doubled_pictures, inverted_rates, wrong_signs; official = "
-        "these, and an IMU whose rate varies; others are fields of mavlink.quirks (default: none)"
+        "signs, clocks and race flow on the wire: official = as its clients know them, none = "
+        "clean NED and FRD, for MAVSDK and whoever knows PX4 (default: official)"
     )
     client: Annotated[str, Parameter(group=CLIENT, metavar="HOST:PORT")] = "127.0.0.1:14550"
     "where the client waits for MAVLink (default: 127.0.0.1:14550)"
@@ -96,6 +101,8 @@ class GrandPrixOptions(ScenarioOptions):
     "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
     "what race.mcap holds: light = all signals, full = and pictures (default: full)"
+    tlog: Annotated[bool, Parameter(group=RUN, negative=())] = False
+    "write every MAVLink message of both sides to race.tlog, and say each second what came"
     foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
     "serve the topics of race.mcap while they are written, for Foxglove: ws://localhost:8765"
 
@@ -119,16 +126,18 @@ def grand_prix_scenario(options: GrandPrixOptions) -> "Scenario":
     """
     if options.scenario_file is None:
         options = dc.replace(options, scenario_file=SCENARIO_FILE)
+    if options.course is not None and options.track is not None:
+        raise UserError("--course and --track exclude each other: leave one of them out.")
     scenario = resolve_scenario(options)
     config = scenario.mavlink
     config.vq = config.vq if options.vq is None else options.vq
+    scenario.track = scenario.track if options.course is None else _COURSES.get(config.vq, "")
     config.step = config.step if options.step is None else options.step
     if config.step:
         if options.realtime_rate:
             raise UserError("--realtime_rate and --step exclude each other: leave one of them out.")
         scenario.simulator_config.target_realtime_rate = 0.0
-    if options.quirks is not None:
-        config.quirks = _quirks(options.quirks)
+    config.dialect = config.dialect if options.quirks is None else options.quirks
     scenario.check()
     if scenario.estimator != "vio" or scenario.referee.contacts_end or scenario.map:
         raise UserError(
@@ -138,7 +147,7 @@ def grand_prix_scenario(options: GrandPrixOptions) -> "Scenario":
     return scenario
 
 
-def addresses(options: GrandPrixOptions) -> "Addresses":
+def addresses(options: GrandPrixOptions, dialect: "Dialect") -> "Addresses":
     """Returns where the client is; raises UserError if --client is no host and port."""
     from airrace.mavlink.client_link import Addresses
 
@@ -149,7 +158,9 @@ def addresses(options: GrandPrixOptions) -> "Addresses":
             f"--client {options.client} and --picture_port {options.picture_port}: give a host and "
             "a port from 1 to 65535, such as 127.0.0.1:14550, and a port of pictures."
         )
-    return Addresses(host, ports[0], ports[1], options.bind)
+    return Addresses(
+        host, *ports, options.bind, dialect.port, dialect.picture_port, dialect.fixed_port
+    )
 
 
 def fly_grand_prix(options: GrandPrixOptions) -> dict:
@@ -167,6 +178,9 @@ def _fly(options: GrandPrixOptions) -> dict:
     require_pymavlink()
     from airrace.common.files import results_folder, run_path
     from airrace.mavlink.client_link import ClientLink
+    from airrace.mavlink.client_log import FILE as TLOG
+    from airrace.mavlink.client_log import ClientLog
+    from airrace.mavlink.dialects import DIALECTS
     from airrace.mavlink.grand_prix import fly_attempts, warm_up_grand_prix
     from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.track import load_track
@@ -177,13 +191,21 @@ def _fly(options: GrandPrixOptions) -> dict:
 
     scenario = grand_prix_scenario(options)
     track, (vehicle, _) = load_track(scenario.track), load_vehicle(scenario.drone)
+    dialect = DIALECTS[scenario.mavlink.dialect]
     folder = options.output or run_path(track.name, vehicle.name, "mavlink")
     numbered = options.output is None
     display = CourseDisplay(scenario, track)
     with contextlib.ExitStack() as stack:
-        link = stack.enter_context(contextlib.closing(ClientLink(addresses(options), display.note)))
+        link = stack.enter_context(
+            contextlib.closing(ClientLink(addresses(options, dialect), display.note))
+        )
         output = stack.enter_context(results_folder(folder, numbered=numbered, refuse=RESULTS))
         foxglove = stack.enter_context(FoxgloveServer()) if options.foxglove else None
+        sinks: list[Sink] = [display.take]
+        if options.tlog:
+            log = stack.enter_context(ClientLog(output / TLOG, display.note))
+            link.tap = log.tap
+            sinks.append(log.take)
         display.announce("Preparing; the first time, inner loops are compiled, about a minute")
         warm_up_grand_prix(scenario)
         display.open(f"{options.client}, pictures at port {options.picture_port}")
@@ -204,7 +226,7 @@ def _fly(options: GrandPrixOptions) -> dict:
 
         stack.callback(lambda: [page.close() for page in pages])
         attempts = fly_attempts(
-            scenario, link, _folders(output, options.runs), pages=open_page, sinks=[display.take],
+            scenario, link, _folders(output, options.runs), pages=open_page, sinks=sinks,
             foxglove=foxglove,
         )  # fmt: skip
         data: dict = {"finished": False}
@@ -235,22 +257,3 @@ def _folders(output: Path, runs: int) -> Iterator[Path]:
         folder = output / f"race_{number:03d}"
         folder.mkdir(exist_ok=True)
         yield folder
-
-
-def _quirks(names: str) -> "QuirksConfig":
-    """Returns the QuirksConfig of a list of names; raises UserError if there is no such quirk."""
-    from airrace.scenario.mavlink_config import OFFICIAL, QuirksConfig
-
-    if names == _OFFICIAL:
-        return dc.replace(OFFICIAL)
-    if names == _NO_QUIRKS:
-        return QuirksConfig()
-    switches = [f.name for f in dc.fields(QuirksConfig) if f.default is False]
-    wanted = names.split(",")
-    for name in wanted:
-        if name not in switches:
-            raise UserError(
-                f"--quirks {names}: there is no quirk '{name}'; give {_OFFICIAL}, {_NO_QUIRKS}, or "
-                f"some of {', '.join(switches)}, with commas between them."
-            )
-    return QuirksConfig(**dict.fromkeys(wanted, True))

@@ -19,11 +19,15 @@ from airrace.vehicle import Vehicle
 if TYPE_CHECKING:
     from airrace.mavlink.client_link import ClientLink
 
-_STANDING = 0.08  # m, about; LOCAL_NED begins there until the drone is armed
+_STANDING = 0.08  # m, about; LOCAL_NED begins there
 
 
 def MakeFlightController(
-    scenario: Scenario, track: Course, vehicle: Vehicle, link: "ClientLink"
+    scenario: Scenario,
+    track: Course,
+    vehicle: Vehicle,
+    link: "ClientLink",
+    before: float | None = None,
 ) -> Diagram:
     """Builds the MavlinkBridge and the controllers that do what its client says.
 
@@ -38,7 +42,9 @@ def MakeFlightController(
     start = start_pose(track.start, vehicle.radius, _STANDING).translation()
     bridge = builder.AddNamedSystem(
         "mavlink_bridge",
-        MavlinkBridge(scenario=scenario, track=track, vehicle=vehicle, start=start, link=link),
+        MavlinkBridge(
+            scenario=scenario, track=track, vehicle=vehicle, start=start, link=link, before=before
+        ),
     )
     rate_controller = RateController(vehicle=vehicle, rate=scenario.controller.rate)
     switch = MotorSwitch(vehicle=vehicle)

@@ -50,9 +50,11 @@ def fly_attempts(
         of each race that has ended by itself, or by Ctrl-C: race.json, its folder, and how often
         it was reset.
     """
+    before = None
     for folder in folders:
         for resets in itertools.count():
-            data, again = _attempt(scenario, link, folder, pages, sinks, foxglove)
+            data, again = _attempt(scenario, link, folder, before, pages, sinks, foxglove)
+            before = (before or 0.0) + data["simulated_s"]
             if not again:
                 break
         yield data, folder, resets
@@ -60,9 +62,9 @@ def fly_attempts(
             return
 
 
-def _attempt(scenario, link, folder, pages, sinks, foxglove):
+def _attempt(scenario, link, folder, before, pages, sinks, foxglove):
     """Flies once; returns race.json, and whether the client wants to begin anew."""
-    transport = ClientTransport(scenario, link)
+    transport = ClientTransport(scenario, link, before)
     with pages() as page:
         data = run_race(
             scenario, folder, page=page, sinks=sinks, transport=transport, foxglove=foxglove

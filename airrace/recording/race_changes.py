@@ -106,7 +106,10 @@ def _states_entered(status, state, since, count):
     if not status.events and (status.state, status.since) != (state, since):
         # An explorer of one's own may keep no events.
         return (ExplorerEvent(status.since, status.state, status.reason),)
-    return status.events[count:]
+    entered = status.events[count:]
+    if not count and entered and (entered[0].state, entered[0].time) == (state, since):
+        return entered[1:]  # it was told when nothing but the state was known
+    return entered
 
 
 def _estimate_error(truth, filtered):

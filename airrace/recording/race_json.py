@@ -53,6 +53,7 @@ class WallJson(TypedDict):
     date: NotRequired[str]  # of its end, ISO 8601, UTC
     version: NotRequired[str]  # of airrace
     plan_solve_times_s: NotRequired[list[float | None]]
+    link: NotRequired[dict[str, object]]  # of a client's flight: its counters
 
 
 class RaceJson(TypedDict):
@@ -73,6 +74,38 @@ class RaceJson(TypedDict):
     collisions: int
     negative_thrusts: NotRequired[int]  # that a controller of one's own asked for
     wall: WallJson
+
+
+class CourseJson(TypedDict):
+    """race.json of a client's flight, as CourseResult.data() makes it."""
+
+    track: str
+    drone: str
+    seed: int
+    vq: int
+    finished: bool
+    dnf_reason: str | None
+    start_s: float | None
+    gates: int
+    gates_passed: int
+    time_s: float | None
+    wall: WallJson
+
+
+class _AnyJson(TypedDict):
+    """race.json of either kind."""
+
+    vq: NotRequired[object]
+
+
+def is_course_json(path: Path) -> bool:
+    """Returns whether a race.json is of a client's flight; raises UserError if it is none."""
+    return "vq" in read_json(path, _AnyJson, _WHAT, _REMEDY)
+
+
+def read_course_json(path: Path) -> CourseJson:
+    """Returns what the race.json of a client's flight holds; raises UserError as below."""
+    return read_json(path, CourseJson, _WHAT, _REMEDY)
 
 
 def read_race_json(path: Path) -> RaceJson:

@@ -177,6 +177,8 @@ class RaceResult:
             return f"{reason} in state {explorer.state}: {explorer.reason}"
         if self._plans:
             return reason
+        if "lap_planner" in self._scenario.systems:
+            return f"{reason}: systems.lap_planner has given no plan"
         return (
             f"{reason}: within the limits, no lap through the map's gates was found that can be "
             "entered from the hover over the start; try other --limits, or another trajectory (-t)"

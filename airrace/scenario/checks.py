@@ -15,6 +15,7 @@ from airrace.common.errors import UserError
 from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
+from airrace.scenario.mavlink_config import NONE, OFFICIAL, MavlinkConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 from airrace.vehicle.sensor_failures import (
     CAMERA_FAILURES,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 # filling the memory.
 RANGES = {
     "laps": (1, 1000),
+    "plant_config.time_step": (1e-6, 0.01),
     "seed": (0, 2**256),  # beyond 2^53, nobody can find it by trying: see math/random.py
     "camera.width": (16, 8192),
     "camera.height": (16, 8192),
@@ -174,6 +176,11 @@ def check_imu(config: imu_config.ImuConfig) -> None:
     check_choice("imu.preset", config.preset, imu_config.PRESETS)
 
 
+def check_mavlink(config: MavlinkConfig) -> None:
+    """Checks the name of the dialect."""
+    check_choice("mavlink.dialect (--quirks)", config.dialect, (OFFICIAL, NONE))
+
+
 def check_estimator(scenario: "Scenario") -> None:
     """Checks the estimator's name, and that a drone that has to see where it is can see."""
     check_choice("estimator", scenario.estimator, ("truth", "vio"))
@@ -274,8 +281,7 @@ def check_drakes_own(simulator_config: SimulatorConfig, plant_config: MultibodyP
         raise UserError("simulator_config.start_time must be 0: a race starts at time zero.")
     for name in ("max_step_size", "accuracy"):
         _check_range(f"simulator_config.{name}", getattr(simulator_config, name))
-    if not 0 < plant_config.time_step <= 0.01:
-        raise UserError("plant_config.time_step must be above 0 and at most 0.01 s.")
+    _check_range("plant_config.time_step", plant_config.time_step)
     # The scene has no hydroelastic shapes, and the referee reads point contacts.
     check_choice(
         "plant_config.contact_model",

@@ -23,6 +23,7 @@ from airrace.scenario.checks import (
     check_flight_controller,
     check_imu,
     check_imu_failures,
+    check_mavlink,
     check_numbers,
     check_planner,
     check_policy,
@@ -274,6 +275,7 @@ class Scenario:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         check_camera(self.camera)
         check_imu(self.imu)
+        check_mavlink(self.mavlink)
         if self.camera.renderer == NO_CAMERA and not self.map:
             raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
         check_estimator(self)

@@ -21,6 +21,7 @@ gate on its way straight on from the one before.
 
 With --kind square it is a course for airrace grand-prix: square gates of 1.5 m,
 winding through a dark hall, with climbs and descents, about 200 m for 17 to 20 gates.
+With --kind straight it has 6 of them and hardly turns.
 
 examples:
   airrace track --seed 7 > seven.yaml                    anything
@@ -42,7 +43,7 @@ def track(
     seed: Whole = 0,
     gates: Whole | None = None,
     direction: Literal["left", "right"] | None = None,
-    kind: Literal["pylons", "square"] = "pylons",
+    kind: Literal["pylons", "square", "straight"] = "pylons",
     plot: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
     """Print a random race track as YAML.
@@ -51,18 +52,18 @@ def track(
         seed: which of the random tracks, 0 or more (default: 0)
         gates: how many: 8, 10, ... or 20; of square ones 2 to 20 (default: drawn from the seed)
         direction: of travel: left is counter-clockwise (default: drawn from the seed)
-        kind: of gates: pylons with markers, or square frames (default: pylons)
+        kind: pylons with markers, square frames, or square frames nearly in line (default: pylons)
         plot: also draw it from above, as .png, .svg or .pdf
     """
     from airrace.track.generator import generate_square_track, generate_track
     from airrace.track.layout import Layout
 
     made: Course
-    if kind == "square":
+    if kind != "pylons":
         if direction is not None:
             raise UserError("--direction is for tracks of pylons: leave it out.")
-        made = generate_square_track(seed, gates)
-        command = f"airrace track --kind square --seed {seed} --gates {len(made.gates)}"
+        made = generate_square_track(seed, gates, straight=kind == "straight")
+        command = f"airrace track --kind {kind} --seed {seed} --gates {len(made.gates)}"
     else:
         made = generate_track(seed, gates, direction)
         way = "left" if Layout.of(made).turns.sum() > 0 else "right"

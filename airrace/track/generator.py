@@ -45,6 +45,7 @@ _MEAN_LENGTH = 200.0  # m, of a course as raced
 _SPREAD = 0.15  # of a leg's length
 _COURSES, _LEGS = 200, 30  # tried before a seed is refused, and for each leg of a course
 _HIGH = 4.5  # m: from there it goes down, as climbs may be steeper than descents
+STRAIGHT_GATES, _STRAIGHT_BEND = 6, 0.1  # of a course that is nearly straight; share of its turns
 _DRAWN_TURN = 0.8 * square_rules.TURN  # so that a gate between two legs faces both
 
 
@@ -85,7 +86,9 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     )
 
 
-def generate_square_track(seed: int, gates: int | None = None) -> SquareTrack:
+def generate_square_track(
+    seed: int, gates: int | None = None, *, straight: bool = False
+) -> SquareTrack:
     """Returns a random course that obeys all of square_rules.py.
 
     Gate after gate is drawn; what comes near the way so far is drawn again. The same arguments
@@ -93,7 +96,8 @@ def generate_square_track(seed: int, gates: int | None = None) -> SquareTrack:
 
     Args:
         seed: at least 0.
-        gates: 2 to 20; None to draw 17 to 20 from the seed.
+        gates: 2 to 20; None to draw 17 to 20 from the seed, or for 6 if straight.
+        straight: whether it hardly turns, climbs and descends.
 
     Raises:
         UserError: for arguments that no course fits, or if the seed has none.
@@ -104,11 +108,12 @@ def generate_square_track(seed: int, gates: int | None = None) -> SquareTrack:
             f"There is no course of {gates} square gates; give 2 to {square_rules.MOST_GATES}."
         )
     drawn = int(make_generator(seed, "square track").choice(square_rules.GATE_COUNTS))
-    gates = gates or drawn
-    rng = make_generator(seed, f"square track {gates}")
-    name = f"square-{seed}-{gates}"
+    gates = gates or (STRAIGHT_GATES if straight else drawn)
+    kind, bend = ("straight", _STRAIGHT_BEND) if straight else ("square", 1.0)
+    rng = make_generator(seed, f"{kind} track {gates}")
+    name = f"{kind}-{seed}-{gates}"
     return _first_fair(
-        lambda: _draw_square_track(rng, gates, name),
+        lambda: _draw_square_track(rng, gates, bend, name),
         _COURSES,
         f"Seed {seed} gives no course of {gates} square gates",
     )
@@ -203,8 +208,11 @@ def _place(rng: np.random.Generator, layout: Layout, name: str) -> Track:
     return Track(name, start, round(rng.uniform(*HOVER_HEIGHT), 1), gates)
 
 
-def _draw_way(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Returns the pad and n gates, (n + 1, 3) m; RuleError: if the course runs into itself."""
+def _draw_way(rng: np.random.Generator, n: int, bend: float) -> np.ndarray:
+    """Returns the pad and n gates, (n + 1, 3) m; RuleError: if the course runs into itself.
+
+    Args: bend: share of turns and slopes.
+    """
     count = n if n in square_rules.GATE_COUNTS else square_rules.GATE_COUNTS[0]
     mean = (_MEAN_LENGTH - np.mean(square_rules.START_DISTANCE)) / (count - 1)
     bearing = rng.uniform(-np.pi, np.pi)
@@ -212,19 +220,19 @@ def _draw_way(rng: np.random.Generator, n: int) -> np.ndarray:
     first = rng.uniform(*square_rules.START_DISTANCE) * directions(bearing)
     way = np.array([[0.0, 0.0, 0.0], [*first, height]])
     for _ in range(n - 1):
-        way, bearing = _with_next(rng, way, bearing, mean)
+        way, bearing = _with_next(rng, way, bearing, mean, bend)
     return way
 
 
 def _with_next(
-    rng: np.random.Generator, way: np.ndarray, bearing: float, mean: float
+    rng: np.random.Generator, way: np.ndarray, bearing: float, mean: float, bend: float
 ) -> tuple[np.ndarray, float]:
     """Returns a way with a gate more, and the bearing (rad) of the leg to it; mean: its length."""
     for attempt in range(_LEGS):
         length = np.clip(mean * (1.0 + _SPREAD * rng.standard_normal()), *LEGS)
-        turned = bearing + rng.uniform(-_DRAWN_TURN, _DRAWN_TURN)
+        turned = bearing + bend * rng.uniform(-_DRAWN_TURN, _DRAWN_TURN)
         slope = rng.uniform(-DESCENT, CLIMB) if way[-1, 2] < _HIGH else rng.uniform(-DESCENT, 0.0)
-        height = np.clip(way[-1, 2] + length * np.sin(slope), *HEIGHTS)
+        height = np.clip(way[-1, 2] + length * np.sin(bend * slope), *HEIGHTS)
         level = np.sqrt(length**2 - (height - way[-1, 2]) ** 2)
         longer = np.vstack([way, [*way[-1, :2] + level * directions(turned), height]])
         try:
@@ -236,9 +244,9 @@ def _with_next(
     raise AssertionError("not reached")
 
 
-def _draw_square_track(rng: np.random.Generator, n: int, name: str) -> SquareTrack:
+def _draw_square_track(rng: np.random.Generator, n: int, bend: float, name: str) -> SquareTrack:
     """Returns a course along a random way, in millimetres and tenths of degrees."""
-    way = _draw_way(rng, n)
+    way = _draw_way(rng, n, bend)
     legs = np.diff(way, axis=0)
     bearings = np.arctan2(legs[:, 1], legs[:, 0])
     # A gate looks half-way from the leg that leads to it to the one that leads on.

@@ -14,6 +14,7 @@ _WALL = 0.5  # m, thickness of walls and ceiling
 _COLUMN, _COLUMN_STEP = 0.6, (12.0, 12.0)  # m, side of a column, and from one to the next
 _ROOM = 4.0  # m, from the middle of a column to the way from gate to gate, at least
 _LIGHT, _LIGHT_STEP = (1.6, 0.5, 0.06), (8.0, 6.0)  # m, size of a light, and from one to the next
+_RIM = 0.08  # m, width of what shines around a light's dark middle
 
 
 class Hall(NamedTuple):
@@ -25,6 +26,7 @@ class Hall(NamedTuple):
     #: columns, lights: boxes, from the floor to the ceiling, and below the ceiling
     columns: tuple[Box, ...]
     lights: tuple[Box, ...]
+    panels: tuple[Box, ...]  #: the dark middles of the lights, a little below them
 
     def shell(self) -> dict[str, Box]:
         """Returns the walls and the ceiling as boxes around the hall."""
@@ -59,7 +61,9 @@ def hall_around(outline: np.ndarray, way: np.ndarray) -> Hall:
         Box(RigidTransform([x, y, high[2] - _LIGHT[2] / 2]), np.array(_LIGHT))
         for x, y in _grid(low, high, _LIGHT_STEP)
     ]
-    return Hall(low, high, tuple(columns), tuple(lights))
+    size, down = np.array(_LIGHT) - [2 * _RIM, 2 * _RIM, 0.0], RigidTransform([0.0, 0.0, -0.01])
+    panels = [Box(light.X_WB @ down, size) for light in lights]
+    return Hall(low, high, tuple(columns), tuple(lights), tuple(panels))
 
 
 def _grid(low: np.ndarray, high: np.ndarray, steps: tuple[float, float]) -> list:

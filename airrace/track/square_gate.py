@@ -10,10 +10,19 @@ from airrace.track.course import Box, Opening
 from airrace.track.start import require
 
 # What every frame looks like (metres).
-OUTER = 2.7  # side of the outer square
+OUTER = 2.72  # side of the outer square
 INNER = 1.5  # side of the opening
 DEPTH = 0.26  # along the direction of flight
 MAX_PITCH_DEG = 60.0
+_LETTER = 0.34  # m, height of the lettering
+_THIN = 0.008  # m, of a letter
+# Strokes of the letters A, I and R, as they are read: left, bottom, right and top, in heights.
+_STROKES = np.array(
+    [(-1.1, 0.0, -0.9, 1.0), (-0.6, 0.0, -0.4, 1.0), (-0.9, 0.8, -0.6, 1.0), (-0.9, 0.4, -0.6, 0.6)]
+    + [(-0.1, 0.0, 0.1, 1.0)]
+    + [(0.4, 0.0, 0.6, 1.0), (0.6, 0.8, 1.1, 1.0), (0.9, 0.6, 1.1, 0.8), (0.6, 0.4, 1.1, 0.6)]
+    + [(0.8, 0.0, 1.0, 0.4)]
+)
 
 
 @dc.dataclass
@@ -81,6 +90,17 @@ class SquareGate:
             name: Box(self.X_WG @ RigidTransform(p), np.array(size))
             for name, (p, size) in places.items()
         }
+
+    def letters(self) -> list[Box]:
+        """Returns the lettering on the top of its front and, read from there, of its back."""
+        boxes, middle = [], (OUTER + INNER) / 4
+        for side in (-1.0, 1.0):  # front and back: its reader's right is to -y and to +y
+            for left, low, right, high in _STROKES * _LETTER:
+                x, y = side * (DEPTH + _THIN) / 2, side * (left + right) / 2
+                z = middle - _LETTER / 2 + (low + high) / 2
+                size = np.array([_THIN, right - left, high - low])
+                boxes.append(Box(self.X_WG @ RigidTransform([x, y, z]), size))
+        return boxes
 
     def opening(self) -> Opening:
         return Opening(

@@ -47,7 +47,7 @@ class CourseDisplay:
         match event:
             case events.ExplorerChanged() if event.status.done and not self._started:
                 self._started = True
-                self._at(event.status.since, "armed")
+                self._at(event.status.since, "the race has started")
             case events.GateCrossed():
                 crossing = event.crossing
                 self._at(

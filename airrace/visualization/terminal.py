@@ -24,6 +24,7 @@ from airrace.vehicle.rotor_loss import Remaining
 _REFRESH = 0.1  # s
 # Above this, the plant's steps of 1 ms lose about a hundredth of the angular momentum a second.
 _TUMBLING = 15.0  # rad/s
+_LATE = 1.0  # s, behind the real time, that is no news
 _CAPTION = (
     "over bound: how much longer the planned lap is than the best lap of a point mass with the "
     "same limits; map error: RMS over the markers"
@@ -227,6 +228,11 @@ class RaceDisplay:
                 f"{line}; {wall['seconds']:.0f} s of work, "
                 f"{wall['real_time_factor']:.1f} x real time."
             )
+            if (late := wall.get("link", {}).get("late_s", 0.0)) > _LATE:
+                self._print(
+                    f"This computer was too slow for real time by {late:.0f} s, in which the drone "
+                    "saw less than it should: race with --realtime_rate 0.5, or with --lockstep."
+                )
             self._print(f"Results: {output_dir}")
 
 

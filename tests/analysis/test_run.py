@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from airrace.analysis import load_run
+from airrace.analysis.derived import _tracking
 from airrace.commands.app import main as command
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml
@@ -61,6 +62,12 @@ def test_laps_are_counted_from_gate_1(run):
     np.testing.assert_allclose(run.lap_starts, FIRST + LAP * np.arange(3))
     assert run.laps.duration.tolist() == [LAP, LAP] and run.laps.plan.tolist() == [1, 1]
     assert len(run.crossings) == 2 * GATES + 1
+
+
+def test_without_a_reference_there_is_no_tracking(run):
+    """As in the loop, where the reference does not cross the link."""
+    state = run.state.assign(yaw=0.0)
+    assert len(_tracking(state, state[["x", "y", "z", "yaw"]].iloc[:0])) == 0
 
 
 def test_tracking_is_the_distance_from_the_reference(run):

@@ -1,5 +1,6 @@
 import concurrent.futures
 import json
+import os
 import threading
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.common.files import digest, results_folder, write_json, write_text
+from airrace.common.files import digest, read_regular, results_folder, write_json, write_text
 
 
 def test_a_reader_sees_the_old_text_or_the_new_one(tmp_path):
@@ -55,6 +56,16 @@ def test_a_write_that_fails_leaves_the_old_text_alone(tmp_path, monkeypatch, ste
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(UserError, match="none/text cannot be written"):
         write_text(tmp_path / "none" / "text", "")
+
+
+def test_a_pipe_is_no_file(tmp_path):
+    """Nobody waits for who might write it."""
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path, Path("/dev/zero")):
+        with pytest.raises(OSError):
+            read_regular(path, 9)
+    (tmp_path / "file").write_bytes(b"0123456789")
+    assert read_regular(tmp_path / "file", 9) == b"012345678"
 
 
 def test_text_is_utf8_whatever_the_locale(tmp_path, monkeypatch):

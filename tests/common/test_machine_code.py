@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -60,6 +61,14 @@ def test_what_was_compiled_at_the_installation_is_taken_along(package, tmp_path,
     assert choose_folder(package) == folder
     assert (folder / "airrace.math/a.nbc").read_bytes() == b"code"
     assert [each.name for each in folder.parent.iterdir()] == [name(package)]
+
+
+def test_a_cache_that_is_hidden_from_this_user_is_none(package, tmp_path, forbid, monkeypatch):
+    forbid(tmp_path / "installed")
+    monkeypatch.setattr(os.path, "exists", lambda path: "xdg" not in str(path))
+    monkeypatch.setattr(Path, "exists", pytest.fail)  # raises PermissionError there
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert choose_folder(package).is_relative_to(tmp_path / "temporary")
 
 
 def test_without_a_home_it_is_in_a_temporary_folder_of_ones_own(package, tmp_path, forbid):

@@ -2,10 +2,12 @@
 
 import os
 
+import numpy as np
 import pytest
 
 from airrace.common.errors import UserError
 from airrace.hitl.budget import Budget, prepare_halves
+from airrace.hitl.handover import Compiling, Playing, Warm
 from airrace.hitl.navigator_process import NavigatorProcess
 from airrace.scenario import Scenario
 
@@ -53,6 +55,28 @@ def test_both_halves_fly_at_once(tmp_path):
         navigator.close()
     assert 0.0 < budget.pilot < 20.0 and 0.0 < budget.navigator < 20.0
     assert 1e-5 < budget.tick < 1.0 and 1 <= budget.processors <= os.cpu_count()
+
+
+class QuickNavigator:
+    """Is warm before the pilot is: all that it says waits when that looks for the first time."""
+
+    def __init__(self):
+        self.says = [Compiling(7), Playing(), Warm(0.3)]
+
+    def receive(self):
+        said, self.says = self.says, []
+        return said
+
+    def poll(self):
+        return None
+
+
+def test_a_navigator_may_be_ready_first(monkeypatch):
+    shown = []
+    monkeypatch.setattr("airrace.hitl.budget.warm_up_pilot", lambda scenario, briefly: None)
+    monkeypatch.setattr("airrace.hitl.budget.play_pilot", lambda *_: np.full(10, 1e-3))
+    budget = prepare_halves(Scenario(), QuickNavigator(), 0.5, show=shown.append, poll=pytest.fail)
+    assert budget.navigator == 0.3 and shown == [7]
 
 
 @pytest.mark.slow

@@ -219,7 +219,7 @@ def _autonomy_group(parent):
     return next(c.pid for c in children if "autonomy" in c.cmdline() and c.pid == os.getpgid(c.pid))
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_doctor_and_the_simulations_death(tmp_path):
     """The doctor measures a link; then nobody comes, and the autonomy gives up."""
     script = tmp_path / "both.sh"

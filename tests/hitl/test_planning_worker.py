@@ -41,7 +41,7 @@ def solved(job, timeout=60.0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "config", first([dict(lap="rest_to_rest", time_allocation="original"), {}])
+    "config", first([{}, dict(lap="rest_to_rest", time_allocation="original")])
 )
 def test_the_same_plan_as_here_and_another_one_after_it(config):
     asked, scenario = problem_and_scenario(**config)

@@ -227,6 +227,7 @@ def test_the_lap_that_a_new_entry_tests(optimal, tmp_path, monkeypatch, capsys):
 LOOP = "def make(scenario):\n    while True:\n        pass\n"
 
 
+@pytest.mark.repeats
 def test_an_endless_loop_before_the_race(tmp_path):
     text = "team: A\nsystems: {explorer: 'mine:make'}\n"
     row = flown(make_entry(tmp_path / "loop", text, mine=LOOP), start_wall=3.0)

@@ -9,18 +9,24 @@ from pymavlink.dialects.v20 import common as mavlink
 from airrace.common.errors import UserError
 from airrace.mavlink import client_link, telemetry
 from airrace.mavlink.client_link import Addresses, ClientLink
+from airrace.mavlink.dialects import DIALECTS
 from tests.worlds.mavlink_client import UdpClient, arm, rates
+
+HEARTBEAT = telemetry.heartbeat(DIALECTS["none"], armed=False)
+# As a ground station sends it, and many a client.
+STATION = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 0, 3)
 
 
 class Line:
     """A link and a client at its other end, which has heard a heartbeat."""
 
-    def __init__(self, client):
+    def __init__(self, client, **addresses):
         port, pictures = client.ports
         self.notes = []
-        self.link = ClientLink(Addresses(port=port, picture_port=pictures), self.notes.append)
+        places = Addresses(port=port, picture_port=pictures, **addresses)
+        self.link = ClientLink(places, self.notes.append)
         self.client = client
-        self.link.send(telemetry.heartbeat(False))
+        self.link.send(HEARTBEAT)
         client.hear()
 
     def deliver(self, *datagrams):
@@ -30,7 +36,7 @@ class Line:
         return self.collect()
 
     def collect(self):
-        while self.link.wait(0.05):
+        while self.link.wait(0.01):
             self.link.drain()
         return self.link.take()
 
@@ -64,22 +70,22 @@ def test_pictures_go_to_their_own_port(line):
     assert line.link.counts.picture_datagrams == 1
 
 
-def test_replayed_messages_are_dropped(line):
-    datagrams = [line.client.pack(rates(0.01 * i)) for i in range(10)]
-    assert len(line.deliver(*datagrams)) == 10
-    assert line.deliver(*datagrams) == [] and line.link.counts.replayed == 10
-    # Numbers go on after 255.
-    later = [line.client.pack(rates(0.3)) for _ in range(300)]
-    assert len(line.deliver(*later)) == 300
-
-
-def test_a_client_that_begins_anew_is_heard(line, monkeypatch):
-    line.deliver(*[line.client.pack(rates(0.1)) for _ in range(100)])
-    line.client.mavlink.seq = 0
-    assert line.deliver(line.client.pack(rates(0.1))) == []
-    now = client_link.time.monotonic()
-    monkeypatch.setattr(client_link.time, "monotonic", lambda: now + 1.1)
-    assert len(line.deliver(line.client.pack(rates(0.2)))) == 1
+def test_numbers_of_messages_are_not_looked_at(line):
+    """Three threads that count alike, a counter that stands still, and one for each type."""
+    datagrams = []
+    for _ in range(100):
+        for message in (arm(), rates(0.1), rates(0.2)):  # each thread begins at the same number
+            line.client.mavlink.seq = len(datagrams) // 3 % 256
+            datagrams.append(line.client.pack(message))
+    for _ in range(50):
+        line.client.mavlink.seq = 0
+        datagrams.append(line.client.pack(rates(0.3)))
+    heard = []
+    for i in range(0, len(datagrams), 10):
+        heard += line.deliver(*datagrams[i : i + 10])
+    assert len(heard) == 350 and line.link.counts.received == 350
+    assert sum(message.get_type() == "COMMAND_LONG" for message in heard) == 100
+    assert line.link.counts.dropped == line.link.counts.malformed == 0
 
 
 def test_oversized_datagrams_are_dropped(line):
@@ -101,10 +107,13 @@ def damaged(packed, rng):
     return packed[:10] + rng.randbytes(50)
 
 
-def test_malformed_datagrams_do_nothing_but_count(line):
+def test_malformed_datagrams_do_nothing_but_count(line, monkeypatch):
     """Of every hundred, one is good, and comes through."""
+    monkeypatch.setattr(client_link, "_MANY", 1000)
     rng, good, bad = random.Random(4), 0, 0
     for _ in range(30):
+        line.deliver(line.client.pack(STATION))  # what was cut off before ends here
+        line.link.counts.received -= 1
         datagrams = [damaged(line.client.pack(rates(0.3)), rng) for _ in range(100)]
         line.client.mavlink.seq = good  # of the damaged ones, nobody knows
         datagrams[50] = line.client.pack(rates(0.1))
@@ -113,9 +122,30 @@ def test_malformed_datagrams_do_nothing_but_count(line):
         assert thrusts == [pytest.approx(0.1)]
     counts = line.link.counts
     assert counts.received == good == 30
-    # Where the damage is in its type, a message may be one that nobody knows.
-    assert counts.malformed + counts.unknown == bad == 2970 and counts.unknown < 100
-    assert counts.replayed == counts.strangers == counts.oversized == 0
+    # Where the damage is in its type, a message may be one that nobody knows; and a datagram may
+    # end with what looks like the beginning of a message, which is another fault.
+    assert 0.9 * bad < counts.malformed + counts.unknown < 1.2 * bad and bad == 2970
+    assert counts.strangers == counts.oversized == counts.dropped == 0
+    faults = [note for note in line.notes if "are not MAVLink, in whole or in part" in note]
+    assert len(faults) == 1
+
+
+def test_a_fragment_does_not_take_the_message_beside_it_away(line):
+    whole = [line.client.pack(rates(0.01 * i)) for i in range(40)]
+    heard = []
+    for i in range(0, 40, 2):
+        heard += line.deliver(whole[i] + whole[i + 1][:3], b"\0\0" + whole[i + 1])
+    assert [round(100 * message.thrust) for message in heard] == list(range(40))
+
+
+def test_a_stream_that_is_cut_at_fixed_sizes_is_put_together(line):
+    whole = [line.client.pack(rates(0.01 * i)) for i in range(20)]
+    stream = b"".join(whole)
+    heard = []
+    for i in range(0, len(stream), 20):
+        heard += line.deliver(stream[i : i + 20])
+    assert [round(100 * message.thrust) for message in heard] == list(range(20))
+    assert line.link.counts.malformed == 0
 
 
 def test_a_message_of_no_known_type_is_not_trusted(line):
@@ -137,7 +167,7 @@ def test_a_second_client_is_refused_until_the_first_is_silent(line, monkeypatch)
         refusals = [note for note in line.notes if note.startswith("Refused")]
         assert refusals == [f"Refused {name}: {first} flies, and one client at a time."]
         # What is sent still goes to the first one.
-        line.link.send(telemetry.heartbeat(True))
+        line.link.send(HEARTBEAT)
         assert line.client.hear() and other.hear(0.05) == []
         now = client_link.time.monotonic()
         monkeypatch.setattr(client_link.time, "monotonic", lambda: now + 2.1)
@@ -145,10 +175,84 @@ def test_a_second_client_is_refused_until_the_first_is_silent(line, monkeypatch)
         assert len(line.collect()) == 1 and line.link.client[1] == other.ports[0]
 
 
+def test_a_ground_station_listens_and_does_not_fly(line):
+    """Its heartbeat comes first; the client is who commands, and both are told all."""
+    with UdpClient() as station:
+        station.simulator = line.client.simulator
+        station.say(STATION)
+        line.collect()
+        assert line.link.client is None and not line.link.heard
+        line.client.say(STATION)  # a client may say that it is one
+        line.collect()
+        assert line.link.client is None and line.link.heard
+        line.client.say(arm())
+        assert len(line.collect()) == 1 and line.link.client[1] == line.client.ports[0]
+        line.link.send(HEARTBEAT)
+        assert line.client.hear() and station.hear()
+        # It asks to control, while another one does.
+        station.say(arm(0.0))
+        assert line.collect() == [] and line.link.counts.strangers == 1
+
+
+def test_a_ground_station_that_has_gone_is_told_nothing(line, monkeypatch):
+    with UdpClient() as station:
+        station.simulator = line.client.simulator
+        station.say(STATION)
+        line.collect()
+        now = client_link.time.monotonic()
+        monkeypatch.setattr(client_link.time, "monotonic", lambda: now + 5.1)
+        line.link.drain()
+        line.link.send(HEARTBEAT)
+        assert station.hear(0.05) == []
+
+
+def test_a_fixed_port_hears_all_wherever_commands_are_from():
+    with UdpClient() as client, UdpClient() as commander:
+        line = Line(client, fixed_port=True)
+        commander.simulator = client.simulator
+        commander.say(arm())
+        assert len(line.collect()) == 1
+        client.say(arm(), rates(0.1))  # both are ports of the client
+        commander.say(rates(0.2))
+        assert len(line.collect()) == 3 and line.link.counts.strangers == 0
+        line.link.send(HEARTBEAT)
+        assert client.hear() and commander.hear(0.05) == []
+        line.link.close()
+
+
+def test_ports_of_this_side_are_taken_if_they_are_free():
+    with UdpClient() as client, UdpClient() as free:
+        port, pictures = free.ports
+        free.socket.close()
+        line = Line(client, from_port=port, from_picture_port=pictures)  # the second is in use
+        assert line.link.address == ("127.0.0.1", port) == client.simulator
+        assert [note.split(":")[0] for note in line.notes] == [f"Port {pictures} is taken"]
+        line.link.close()
+
+
+def test_commands_for_other_vehicles_are_counted(line):
+    for target in (0, 1, 7):
+        message = rates(0.1)
+        message.target_system = target
+        line.client.say(message)
+    assert len(line.collect()) == 3 and line.link.counts.elsewhere == 1
+
+
+def test_of_a_flood_the_newest_is_taken(line):
+    for i in range(200):
+        line.client.say(rates(0.001 * i))
+        if i == 5:
+            line.client.say(arm())
+    heard = line.collect()
+    assert len(heard) < 60 and line.link.counts.dropped == 201 - len(heard)
+    assert heard[-1].thrust == pytest.approx(0.199)
+    assert any(message.get_type() == "COMMAND_LONG" for message in heard)
+
+
 def test_a_client_that_is_not_there_is_no_error(line):
     line.client.socket.close()
     for _ in range(5):
-        line.link.send(telemetry.heartbeat(False))
+        line.link.send(HEARTBEAT)
         line.link.drain()
     assert line.link.take() == []
     line.client.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -156,7 +260,7 @@ def test_a_client_that_is_not_there_is_no_error(line):
 
 def test_numbers_of_messages_go_up(line):
     for _ in range(300):
-        line.link.send(telemetry.heartbeat(False))
+        line.link.send(HEARTBEAT)
     numbers = [message.get_seq() for _ in range(300) for message in line.client.hear(0.1)]
     assert numbers == [(1 + i) % 256 for i in range(300)]
 

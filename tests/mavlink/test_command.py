@@ -4,6 +4,7 @@ import re
 import sys
 import threading
 
+import numpy as np
 import pytest
 
 from airrace.commands import app
@@ -13,7 +14,9 @@ from airrace.common.errors import UserError
 from airrace.mavlink import client_link
 from airrace.mavlink import command as module
 from airrace.mavlink.command import EPILOG, GrandPrixOptions, addresses, grand_prix_scenario
-from airrace.scenario.mavlink_config import OFFICIAL, QuirksConfig
+from airrace.mavlink.dialects import DIALECTS
+from airrace.scenario.mavlink_config import QuirksConfig
+from airrace.track import load_track
 from tests.worlds.mavlink_client import UdpClient, arm
 
 
@@ -31,7 +34,7 @@ def test_the_defaults_are_the_qualifier():
     assert (s.camera.width, s.camera.height, s.camera.fps) == (640, 360, 30.0)
     assert s.simulator_config.target_realtime_rate == 1.0
     assert (s.mavlink.vq, s.mavlink.step, s.mavlink.time_limit) == (2, False, 480.0)
-    assert s.mavlink.quirks == QuirksConfig()
+    assert s.mavlink.dialect == "official" and s.mavlink.quirks == QuirksConfig()
 
 
 def test_options_win_over_the_scenario():
@@ -41,15 +44,26 @@ def test_options_win_over_the_scenario():
     assert scenario(realtime_rate=0.5).simulator_config.target_realtime_rate == 0.5
 
 
-def test_quirks_by_name():
-    assert scenario(quirks="official").mavlink.quirks == OFFICIAL
-    assert scenario(quirks="none").mavlink.quirks == QuirksConfig()
-    some = scenario(quirks="wrong_signs,doubled_pictures").mavlink.quirks
-    assert some == QuirksConfig(wrong_signs=True, doubled_pictures=True)
+def test_quirks_choose_the_dialect():
+    assert scenario(quirks="none").mavlink.dialect == "none"
+    assert scenario(scenario_text="{mavlink: {dialect: none}}").mavlink.dialect == "none"
+
+
+@pytest.mark.parametrize("vq, gates, turns", [(1, 6, (5.0, 20.0)), (2, 17, (60.0, 360.0))])
+def test_courses_are_like_the_official_ones(vq, gates, turns):
+    """Six gates nearly in line, and 17 that wind through 200 m of a dark hall."""
+    track = load_track(scenario(vq=vq, course="official-like").track)
+    assert len(track.gates) == gates and track.surroundings == "hall"
+    yaws = np.unwrap([gate.heading for gate in track.gates])
+    assert turns[0] < np.rad2deg(np.ptp(yaws)) < turns[1]
+    length = np.linalg.norm(np.diff(track.way(), axis=0), axis=1).sum()
+    assert vq == 1 or length == pytest.approx(200.0, abs=15.0)
 
 
 BAD = [
-    (["--quirks", "odd"], "there is no quirk 'odd'; give official, none, or some of doubled_"),
+    (["--quirks", "odd"], "official"),
+    (["--scenario_text", "{mavlink: {dialect: odd}}"], "must be one of official, none, not 'odd'"),
+    (["--course", "official-like", "--track", "hexagon"], "--course and --track exclude"),
     (["--vq", "3"], "vq"),
     (["--step", "--realtime_rate", "1"], "--realtime_rate and --step exclude each other"),
     (["--client", "here"], "--client here and --picture_port 5600: give a host and a port"),
@@ -119,7 +133,9 @@ def test_in_python_a_clients_race_is_its_own_command():
 
 def test_addresses():
     options = GrandPrixOptions(client="127.0.0.2:14600", picture_port=5700)
-    assert addresses(options) == client_link.Addresses("127.0.0.2", 14600, 5700, "127.0.0.1")
+    expected = client_link.Addresses("127.0.0.2", 14600, 5700, "127.0.0.1", 14560, 5601, True)
+    assert addresses(options, DIALECTS["official"]) == expected
+    assert not addresses(options, DIALECTS["none"]).fixed_port
 
 
 def test_without_pymavlink_it_says_what_to_install(monkeypatch, capsys):
@@ -132,7 +148,7 @@ def test_without_pymavlink_it_says_what_to_install(monkeypatch, capsys):
 def test_a_race_leaves_its_results(tmp_path, monkeypatch, capsys):
     """A client that is there, but never flies: it runs out of time."""
     monkeypatch.chdir(tmp_path)
-    text = "{mavlink: {time_limit: 0.3}, recording: {content: light}}"
+    text = "{mavlink: {time_limit: 0.3, dialect: none}, recording: {content: light}}"
     with UdpClient() as client:
 
         def fly():
@@ -151,10 +167,14 @@ def test_a_race_leaves_its_results(tmp_path, monkeypatch, capsys):
         thread.join(10.0)
     assert code == 1
     out = capsys.readouterr().out
-    assert f"Client at 127.0.0.1:{port}." in out and "armed" in out
+    assert f"Client at 127.0.0.1:{port}." in out and "the race has started" in out
     assert "Did not finish: ran out of time; 0 of 17 gates" in out
     left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {"race.json", "scenario.yaml", "race.mcap", "race.html"}
+    assert command(["report", "out"]) == 0
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "ran out of time; 0 of 17 gates" in report and "not reached" in report
+    assert report.count("<svg") == 1
     data = json.loads((tmp_path / "out" / "race.json").read_text())
     assert data["wall"]["simulation"] == "MAVLINK" and data["gates"] == 17
     assert data["wall"]["link"]["received"] >= 1 and data["time_s"] is None

@@ -27,6 +27,19 @@ def test_the_header_is_little_endian():
     )
 
 
+def test_a_small_picture_is_filled_up_and_is_the_same():
+    picture = np.full((36, 64, 4), 255, np.uint8)
+    picture[:, :30, :3] = 251, 53, 6
+    for size in (68_000, 200_000):
+        jpeg = encode_picture(picture, 90, size)
+        assert len(jpeg) == size and jpeg[:2] == b"\xff\xd8" and jpeg[-2:] == b"\xff\xd9"
+        plain, filled = (
+            cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+            for data in (encode_picture(picture, 90), jpeg)
+        )
+        np.testing.assert_array_equal(plain, filled)
+
+
 def test_colours_are_kept():
     picture = np.full((36, 64, 4), 255, np.uint8)
     picture[..., :3] = 255, 112, 16  # a gate's

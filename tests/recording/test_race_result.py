@@ -218,6 +218,10 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
     )
     result.look(600.0, over, RACING, GateMap(), plan(1, 19.0))
     assert result.data(1.0)["dnf_reason"] == "ran out of time"
+    result = Watched(Scenario(systems={"lap_planner": "mine:make"}), TRACK)
+    result.look(600.0, over, RACING, GateMap(), NO_PLAN)
+    reason = result.data(1.0)["dnf_reason"]
+    assert reason == "ran out of time: systems.lap_planner has given no plan"
 
 
 def test_a_whole_race():

@@ -180,6 +180,17 @@ def test_generated_courses(seed, count):
             assert flat_distance(points[i], *way[j : j + 2, :2]).min() >= 4.5 - 2e-3
 
 
+@settings(max_examples=10)
+@given(seeds)
+def test_straight_courses_hardly_turn(seed):
+    track = generate_square_track(seed, straight=True)
+    check_square_rules(track)
+    legs = np.diff([gate.position for gate in track.gates], axis=0)
+    assert len(track.gates) == 6 and np.abs(legs[:, 2]).max() < 0.5
+    turns = [degrees_between(a, b) for a, b in itertools.pairwise(bearings(legs))]
+    assert max(turns) <= 4.1
+
+
 def test_courses_wind_climb_and_descend():
     tracks = [generate_square_track(seed) for seed in range(20)]
     assert {len(track.gates) for track in tracks} == {17, 18, 19, 20}

@@ -56,7 +56,7 @@ def test_draws_a_course_and_its_heights():
     frames = [line.get_xydata() for line in side.lines if len(line.get_xydata()) == 2]
     heights = [line.mean(0)[1] for line in frames]
     np.testing.assert_allclose(heights, [gate.position[2] for gate in course.gates], atol=1e-9)
-    np.testing.assert_allclose([np.ptp(line, axis=0) for line in frames], [[0.0, 2.7]] * 17)
+    np.testing.assert_allclose([np.ptp(line, axis=0) for line in frames], [[0.0, 2.72]] * 17)
 
 
 def test_writes_a_picture_of_a_course(tmp_path):

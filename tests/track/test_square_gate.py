@@ -53,8 +53,8 @@ def test_its_boxes_are_the_frame_and_nothing_else(gate, y, z, x):
 
 
 def test_it_is_as_large_as_the_official_one():
-    assert (OUTER, INNER, DEPTH) == (2.7, 1.5, 0.26)
+    assert (OUTER, INNER, DEPTH) == (2.72, 1.5, 0.26)
     gate = SquareGate([1.0, 2.0, 3.0], yaw_deg=90.0)
-    np.testing.assert_allclose(gate.p_WL, [1.0 - 1.35, 2.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(gate.p_WR, [1.0 + 1.35, 2.0, 3.0], atol=1e-12)
-    assert (gate.width, gate.height) == (2.7, 2.7)
+    np.testing.assert_allclose(gate.p_WL, [1.0 - 1.36, 2.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(gate.p_WR, [1.0 + 1.36, 2.0, 3.0], atol=1e-12)
+    assert (gate.width, gate.height) == (2.72, 2.72)

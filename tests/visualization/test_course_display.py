@@ -71,7 +71,7 @@ def test_everything_that_happens_is_one_line(watching):
     watching.look(0.1)
     assert watching.lines() == []
     watching.look(2.1, armed=2.0)
-    assert watching.lines() == ["[    2.0 s] armed"]
+    assert watching.lines() == ["[    2.0 s] the race has started"]
     for _ in range(3):
         watching.look(6.5, armed=2.0, passed=2)
     gate = "of 17, 0.25 m from its middle, at most 7.5 m/s"

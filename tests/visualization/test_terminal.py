@@ -11,7 +11,7 @@ from airrace.recording.race_events import StateSample
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.disturbances import RotorFailure
@@ -156,6 +156,31 @@ def test_laps_that_flew_the_same_plan_are_named():
         race.display.print_summary(result, "runs/here")
         said = console.file.getvalue().splitlines()
         assert said.count("Lap 2 flew the plan of lap 1.") == sentences
+
+
+def test_a_computer_that_was_too_slow_is_told():
+    race = Race(plain())
+    result = race.fly()
+    for late, sentences in ((0.9, 0), (46.3, 1)):
+        result["wall"]["link"] = {"late_s": late}
+        console = race.display._console = plain(width=300)
+        race.display.print_summary(result, "runs/here")
+        said = "This computer was too slow for real time by 46 s"
+        assert console.file.getvalue().count(said) == sentences
+
+
+def test_a_state_that_is_told_with_its_event_later_is_told_once():
+    """Over a link, an explorer's status begins without the events."""
+    console = plain()
+    race = Race(console)
+    power_on = ExplorerEvent(0.0, "CALIBRATE", "power on")
+    race.look(0.1)
+    race.look(0.2, events=(power_on,))
+    race.look(
+        0.6, state="TAKE_OFF", since=0.5, events=(power_on, ExplorerEvent(0.5, "TAKE_OFF", "up"))
+    )
+    said = console.file.getvalue()
+    assert said.count("power on") == 1 and said.count("TAKE_OFF: up") == 1
 
 
 @pytest.mark.parametrize("field", [{"limits": "rotor"}, {"track": "hexagon"}])

@@ -18,11 +18,12 @@ POSITION_ONLY = 0b110111111000
 LEVEL = [1.0, 0.0, 0.0, 0.0]
 
 
-def grand_prix(text="{}", **mavlink_fields):
+def grand_prix(text="{}", dialect="none", **mavlink_fields):
     """Returns the shipped scenario with changes, as fast as it can, without recording."""
     scenario = load_scenario(filename="grand_prix", scenario_text=text)
     scenario.simulator_config.target_realtime_rate = 0.0
     scenario.recording.content = "none"
+    scenario.mavlink.dialect = dialect
     for name, value in mavlink_fields.items():
         setattr(scenario.mavlink, name, value)
     scenario.check()
@@ -53,8 +54,8 @@ def velocity(north, east, down, yaw=0.0, yaw_rate=0.0, mask=VELOCITY_ONLY, place
     )
 
 
-def position(north, east, down, **options):
-    return velocity(0.0, 0.0, 0.0, place=(north, east, down), mask=POSITION_ONLY, **options)
+def position(north, east, down, mask=POSITION_ONLY, **options):
+    return velocity(0.0, 0.0, 0.0, place=(north, east, down), mask=mask, **options)
 
 
 def motors(*shares):
@@ -74,7 +75,7 @@ class Earpiece:
     def __init__(self, answer=lambda message: ()):
         self.counts, self.messages = Counts(), []
         self.sent, self.pictures, self.answer = [], [], answer
-        self.client, self.notes = ("here", 0), []
+        self.client, self.heard, self.notes = ("here", 0), True, []
         self.note = self.notes.append
 
     def say(self, *messages):
@@ -105,9 +106,9 @@ class Earpiece:
 class Session:
     """A race whose client is an Earpiece, advanced by hand."""
 
-    def __init__(self, scenario, link=None):
+    def __init__(self, scenario, link=None, before=None):
         self.link = link or Earpiece()
-        self.transport = ClientTransport(scenario, self.link)
+        self.transport = ClientTransport(scenario, self.link, before)
         self.diagram = MakeRace(scenario, transport=self.transport)
         self.simulator = Simulator(self.diagram)
         ApplySimulatorConfig(scenario.simulator_config, self.simulator)

@@ -22,7 +22,10 @@ from airrace.hitl.link.endpoint import Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.link.socket_bus import SocketBus
 from airrace.mavlink.client_link import Addresses, ClientLink
-from airrace.mavlink.commands import SETPOINTS, RefusedError, setpoint_of
+from airrace.mavlink.commands import SETPOINTS, RefusedError, Situation, make_airframe, setpoint_of
+from airrace.mavlink.dialects import DIALECTS
+from airrace.systems.control.setpoint import NO_SETPOINT
+from airrace.vehicle import load_vehicle
 from airrace.visualization.controls import PaceRequest
 from airrace.visualization.page_server import PageServer, Source
 from airrace.visualization.race_record import RaceRecord
@@ -150,9 +153,12 @@ def _receive_mavlink(path: Path) -> None:
     for message in end.collect():
         if message.get_type() in SETPOINTS:
             with contextlib.suppress(RefusedError):
-                setpoint = setpoint_of(message, np.zeros(3))
-                if not all(np.isfinite(part).all() for part in setpoint):
-                    raise WrongResult("it is obeyed, and not finite")
+                for dialect in DIALECTS.values():
+                    frame = make_airframe(load_vehicle("vadr")[0], dialect)
+                    situation = Situation(frame, np.zeros(3), np.ones(3), 0.5, NO_SETPOINT)
+                    setpoint = setpoint_of(message, dialect, situation)
+                    if not all(np.isfinite(part).all() for part in setpoint):
+                        raise WrongResult("it is obeyed, and not finite")
     end.client.send(end.client.pack(rates(0.5)))
     if not end.collect():
         raise WrongResult("a sound message does not get through any more")

@@ -92,8 +92,13 @@ def run_race(
             # What is built is kept to the end: no need to look through it for garbage.
             gc.freeze()
             reason = race.fly(interrupted)
-        except BaseException:
+        except BaseException as e:
             race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
+            if isinstance(e, SystemExit):  # of a system of the user's; it would look like success
+                raise UserError(
+                    f"A system of the race has called exit({e.code}), and the race ends with it: "
+                    "systems raise an exception if something is wrong."
+                ) from e
             raise
         finally:
             gc.unfreeze()

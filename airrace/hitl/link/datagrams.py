@@ -52,6 +52,7 @@ class _Partial:
     header: tuple[int, int, int]  # number, size, how many fragments
     channel: str
     parts: dict[int, tuple[int, bytes]] = dc.field(default_factory=dict)  # from where, and what
+    held: int = 0  # bytes of all parts
 
 
 class Assembler:
@@ -72,6 +73,17 @@ class Assembler:
         self.dropped: collections.Counter[str] = collections.Counter()
         self._trailer = trailer
         self._partial: dict[Hashable, _Partial] = {}  # by sender, the oldest first
+
+    def hear(self, channel: str, max_size: int) -> None:
+        """Listens to a channel from now on, with messages up to a size (bytes)."""
+        self.limits[channel] = max_size
+
+    def ignore(self, channel: str) -> None:
+        """Listens to a channel no longer, nor to the rest of its messages that have begun."""
+        del self.limits[channel]
+        for sender, partial in [*self._partial.items()]:
+            if partial.channel == channel:
+                del self._partial[sender]
 
     def take(self, datagram: memoryview, sender: Hashable) -> tuple[str, bytes] | None:
         """Returns channel and message, if a datagram is one, or the last fragment of one."""
@@ -106,9 +118,10 @@ class Assembler:
         partial = self._partial.get(sender)
         if partial is None or partial.header != (number, size, count):
             raise Dropped(REST)
-        if index in partial.parts:
+        if index in partial.parts or partial.held + len(data) > size:
             raise Dropped(MALFORMED)
         partial.parts[index] = offset, bytes(data)
+        partial.held += len(data)
         if len(partial.parts) < count:
             return None
         del self._partial[sender]

@@ -8,11 +8,11 @@ import collections
 import hashlib
 import hmac
 import secrets
-import stat
 import struct
 from pathlib import Path
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
+from airrace.common.files import read_regular
 from airrace.hitl.link.packets import REPLAYED, Dropped
 
 UNSIGNED = "not signed with the link's key"
@@ -30,12 +30,10 @@ def read_key(path: Path) -> bytes:
     Raises UserError if there is none, it is too short, or others may read it.
     """
     try:
-        with path.open("rb") as file:
-            mode = path.stat().st_mode
-            key = file.read(_MOST + 1) if stat.S_ISREG(mode) else b""
-    except OSError as e:
-        raise UserError(f"--link_key {path} cannot be read ({e.strerror}); {_MAKE}.") from None
-    if mode & 0o077 and key:
+        key, mode = read_regular(path, _MOST + 1), path.stat().st_mode
+    except (OSError, ValueError) as e:
+        raise UserError(f"--link_key {path} cannot be read ({words(e)}); {_MAKE}.") from None
+    if mode & 0o077:
         raise UserError(f"--link_key {path} is open to others: chmod 600 {path}, on both sides.")
     if not _LEAST <= len(key) <= _MOST:
         raise UserError(f"--link_key {path} is no file of {_LEAST} to {_MOST} bytes; {_MAKE}.")

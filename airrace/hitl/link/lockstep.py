@@ -23,6 +23,9 @@ _RESEND = 0.05  # s without an answer, after which the last messages are sent ag
 _LONGEST_PAUSE = 2.0  # s; from one time to the next, the pause doubles
 _PATIENCE = 120.0  # s: planning a lap takes its time
 _LAST_HEARTBEATS = 5
+# Ticks that the other side may be ahead, at least, and messages that wait for theirs, at most: more
+# are of nobody who keeps to the exchange.
+_AHEAD, _MOST_WAITING = 2, 64
 
 
 class PeerLost(Exception):
@@ -81,7 +84,9 @@ class Exchange:
     def _keep(self, channel, received):
         if channel != HEARTBEAT:
             self._pending[channel, received.stamp.sequence] = received
-        elif received.value.step > 0:
+            if len(self._pending) > _MOST_WAITING:
+                del self._pending[next(iter(self._pending))]  # if it was true, it comes again
+        elif 0 < received.value.step <= self._received + _AHEAD:
             self._beats[received.value.step] = received.value
 
     def send(self, root_context: "Context") -> None:

@@ -146,7 +146,9 @@ def first_difference(text: str, me: Partner) -> str:
     try:
         if len(text) > _MOST_SHARED:
             raise ValueError
-        theirs = dict(json.loads(text))
+        theirs = json.loads(text)
+        if not isinstance(theirs, dict):
+            raise ValueError
     except (ValueError, TypeError, RecursionError):
         return "what it says of it cannot be read"
     for name in itertools.chain(me.shared, sorted(theirs.keys() - me.shared.keys())):

@@ -107,7 +107,7 @@ class UdpBus(Bus):
         subscription = super().subscribe(channel, handler, **limits)
         with self._lock:
             self._queues[channel] = collections.deque(maxlen=subscription.most_waiting)
-            self._assembler.limits[channel] = subscription.max_size
+            self._assembler.hear(channel, subscription.max_size)
         return subscription
 
     def unsubscribe(self, subscription: Subscription) -> None:
@@ -115,7 +115,7 @@ class UdpBus(Bus):
         with self._lock:
             if not self.hears(subscription.channel):
                 del self._queues[subscription.channel]
-                del self._assembler.limits[subscription.channel]
+                self._assembler.ignore(subscription.channel)
 
     def publish(self, channel: str, data: bytes) -> None:
         """Sends a message; raises OSError if the network does not take it."""

@@ -32,7 +32,9 @@ from airrace.rendering.scene.solids import (
     COLUMN_COLOR,
     FLOOR_COLORS,
     GATE_COLOR,
+    LETTER_COLOR,
     LIGHT_COLOR,
+    PANEL_COLOR,
     WALL_COLORS,
 )
 from airrace.track import BOARD_SIZE
@@ -78,6 +80,8 @@ def AddScenery(
     for i, gate in enumerate(track.frames(), 1):
         for side, box in gate.boxes().items():
             _add_box(plant, f"gate_{i}_{side}", box, GATE_COLOR, visible)
+        for k, box in enumerate(gate.letters() if visible else ()):
+            _show_box(plant, f"gate_{i}_letter_{k}", box, LETTER_COLOR, EVERYBODY)
     if hall is not None:
         _add_hall(plant, hall, visible)
 
@@ -123,6 +127,7 @@ def _add_hall(plant: MultibodyPlant, hall: "Hall", visible: bool) -> None:
     if visible:
         for i, box in enumerate(hall.lights, 1):
             _show_box(plant, f"light_{i}", box, LIGHT_COLOR, CAMERAS)
+            _show_box(plant, f"panel_{i}", hall.panels[i - 1], PANEL_COLOR, CAMERAS)
         size, middle = hall.high - hall.low, (hall.low + hall.high) / 2
         floor = Box(RigidTransform([*middle[:2], -_THIN / 2]), np.array([size[0], size[1], _THIN]))
         _show_box(plant, "floor", floor, FLOOR_COLORS[0], EVERYBODY)

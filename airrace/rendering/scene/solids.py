@@ -13,8 +13,11 @@ from airrace.track.course import Box
 from airrace.track.hall import Hall
 from airrace.track.square_gate import DEPTH, INNER, OUTER, SquareGate
 
-GATE_COLOR = (255.0, 112.0, 16.0)
-GATE_SIDE_COLOR = (214.0, 90.0, 12.0)  # of the faces along the flight
+# Red-orange, hue 6 of OpenCV's, as entrants measured it on the official simulator.
+GATE_COLOR = (251.0, 53.0, 6.0)
+GATE_SIDE_COLOR = (211.0, 44.0, 5.0)  # of the faces along the flight
+LETTER_COLOR = (255.0, 255.0, 255.0)
+PANEL_COLOR = (16.0, 16.0, 20.0)  # of the dark middle of a light
 LIGHT_COLOR = (255.0, 252.0, 244.0)
 COLUMN_COLOR = (46.0, 47.0, 53.0)
 COLUMN_SHADE = (38.0, 39.0, 45.0)  # of its sides to east and west
@@ -52,14 +55,17 @@ def solids_of(track: Course) -> tuple[list[Faces], list[Faces]]:
     gates = [gate_faces(gate) for gate in track.frames()]
     if hall is None:
         return [], gates
-    lights = [box_faces(box, [LIGHT_COLOR] * 6) for box in hall.lights]
+    lights = [
+        _joined(box_faces(light, [LIGHT_COLOR] * 6), box_faces(panel, [PANEL_COLOR] * 6))
+        for light, panel in zip(hall.lights, hall.panels)
+    ]
     colors = [COLUMN_SHADE] * 2 + [COLUMN_COLOR] * 4
     columns = [box_faces(box, colors) for box in hall.columns]
     return [room_faces(hall), *lights], columns + gates
 
 
 def gate_faces(gate: SquareGate) -> Faces:
-    """Returns the 16 faces of a frame: front, back, outside and inside."""
+    """Returns the 16 faces of a frame: front, back, outside and inside; and its lettering."""
     back, front = DEPTH / 2, -DEPTH / 2
     square = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # clockwise from in front
     rings = {
@@ -81,7 +87,21 @@ def gate_faces(gate: SquareGate) -> Faces:
             colors.append(color)
     corners = np.array(faces)
     world = np.array([(gate.X_WG @ face.T).T for face in corners])
-    return Faces(world, np.array(colors), np.array([color == GATE_COLOR for color in colors]))
+    frame = Faces(world, np.array(colors), np.array([color == GATE_COLOR for color in colors]))
+    letters = [_seen_of(box_faces(box, [LETTER_COLOR] * 6), gate) for box in gate.letters()]
+    return _joined(frame, *letters)
+
+
+def _seen_of(letter: Faces, gate: SquareGate) -> Faces:
+    """Returns the one face of a letter that looks away from the middle of its gate."""
+    away = np.einsum("ij,ij->i", letter.corners.mean(1) - gate.p_WG, letter.normals)
+    is_seen = np.abs(letter.normals @ gate.forward) * away
+    i = int(is_seen.argmax())
+    return Faces(*(part[i : i + 1] for part in letter))
+
+
+def _joined(*faces: Faces) -> Faces:
+    return Faces(*map(np.concatenate, zip(*faces)))
 
 
 def box_faces(box: Box, colors: list) -> Faces:

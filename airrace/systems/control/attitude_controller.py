@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from airrace.math.quaternion import rotation_between, rotation_matrix
+from airrace.math.quaternion import (
+    exp_quaternion,
+    quaternion_product,
+    reference_yaw,
+    rotation_between,
+    rotation_matrix,
+)
 from airrace.systems.control.setpoint import (
     ATTITUDE,
     POSITION,
@@ -34,11 +40,12 @@ class AttitudeController(LeafSystem):
         output_ports:
         - rate_command
 
-    ``watched_setpoint`` is a Setpoint (24), ``attitude_command`` an AttitudeCommand (6),
+    ``watched_setpoint`` is a Setpoint (33), ``attitude_command`` an AttitudeCommand (6),
     ``filtered_estimate`` a vehicle.State (14), and ``rate_command`` what RateController
     takes: [f, w_x, w_y, w_z] (N, rad/s), (4,), zeros for other set-points.
 
-    The rates are proportional to the rotation vector from the attitude to the one wanted, in B.
+    The rates are proportional to the rotation vector from the attitude to the one wanted, in B,
+    and those of the set-point on top. One of an ATTITUDE without a yaw has that of the drone.
     """
 
     def __init__(self, *, vehicle: Vehicle):
@@ -64,5 +71,15 @@ class AttitudeController(LeafSystem):
                     read_vector(self._attitude, context)
                 )
             q = as_state(read_vector(self._estimate, context)).quaternion
+            if setpoint.kind == ATTITUDE and not setpoint.has_yaw:
+                quaternion = _with_yaw_of(quaternion, q)
             rates = _GAINS * rotation_between(q, quaternion) + yaw_rate * rotation_matrix(q)[2]
+            if setpoint.kind == ATTITUDE:
+                rates = rates + setpoint.rates
             command[0], command[1:] = thrust, np.clip(rates, -MOST_RATES, MOST_RATES)
+
+
+def _with_yaw_of(quaternion, q):
+    """Returns an attitude that is turned about the vertical, so that its yaw is that of q."""
+    turn = reference_yaw(q) - reference_yaw(quaternion)
+    return quaternion_product(exp_quaternion(np.array((0.0, 0.0, turn))), quaternion)

@@ -20,7 +20,7 @@ class MotorSwitch(LeafSystem):
         output_ports:
         - rotor_speed_command
 
-    ``watched_setpoint`` is a Setpoint (24); ``controlled_speeds`` are RateController's commands and
+    ``watched_setpoint`` is a Setpoint (33); ``controlled_speeds`` are RateController's commands and
     ``rotor_speed_command`` those in force, one speed a rotor (rad/s). They are zero while the
     drone is not armed or nothing is wanted of it, and those of the motors' shares of thrust,
     whose speeds go with the square root, if these are set one by one.

@@ -44,11 +44,12 @@ class VelocityController(LeafSystem):
         output_ports:
         - attitude_command
 
-    ``watched_setpoint`` is a Setpoint (24), ``filtered_estimate`` a vehicle.State (14).
+    ``watched_setpoint`` is a Setpoint (33), ``filtered_estimate`` a vehicle.State (14).
     ``attitude_command`` is an AttitudeCommand (6); zeros for set-points of other kinds.
 
-    The wanted acceleration is k_v (v_d - v), where v_d also leads to the position,
-    v_d + k_p (p_d - p), and is limited. Thrust and attitude follow as for any multirotor: the z
+    The wanted acceleration is a_d + k_v (v_d - v), where v_d also leads to the position,
+    v_d + k_p (p_d - p), and is limited; along axes without a position or a velocity, their terms
+    are left out. Thrust and attitude follow as for any multirotor: the z
     axis of the body points along a - g, its x axis to the yaw (Mellinger and Kumar, "Minimum snap
     trajectory generation and control for quadrotors", ICRA 2011, section IV).
     """
@@ -69,13 +70,14 @@ class VelocityController(LeafSystem):
         state = as_state(read_vector(self._estimate, context))
         velocity = np.array(setpoint.velocity)
         if setpoint.kind == POSITION:
-            towards = _POSITION_GAIN * (setpoint.position - state.position)
+            towards = _POSITION_GAIN * setpoint.has_position * (setpoint.position - state.position)
             speed = math.sqrt(dot(towards, towards))
             velocity += towards * min(1.0, _FASTEST / max(speed, 1e-9))
         # Without a yaw to have, the drone looks where it does.
         yaw = setpoint.yaw if setpoint.has_yaw else reference_yaw(state.quaternion)
         rate = 0.0 if setpoint.has_yaw else setpoint.yaw_rate
-        a = _VELOCITY_GAIN * (velocity - state.velocity)
+        a = _VELOCITY_GAIN * setpoint.has_velocity * (velocity - state.velocity)
+        a += setpoint.acceleration
         level = math.hypot(a[0], a[1])
         a[:2] *= min(1.0, _LEVEL_LIMIT / max(level, 1e-9))
         a[2] = min(max(a[2], -_DOWN_LIMIT), _UP_LIMIT)

@@ -55,7 +55,7 @@ class SetpointWatchdog(LeafSystem):
         output_ports:
         - watched_setpoint
 
-    ``setpoint`` and ``watched_setpoint`` are Setpoints (24), ``filtered_estimate`` is a
+    ``setpoint`` and ``watched_setpoint`` are Setpoints (33), ``filtered_estimate`` is a
     vehicle.State (14). After SILENCE without a new set-point, a drone that is armed and low has
     its motors stopped; one in the air hovers for HOVER_TIME where it was, and is then set down:
     its place goes down at LANDING_SPEED until the drone does not follow, as the ground carries it.

@@ -13,7 +13,7 @@ from airrace.systems.ports import read_vector
 from airrace.systems.sensing.contact_names import FLOOR, TAKE_OFF, nearest_name
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
 
-CONTACT_RATE = 120.0  # Hz
+CONTACT_RATE = 250.0  # Hz
 GATE, ENVIRONMENT = 0, 1
 _STANDING = 3.0  # times the weight: the floor's push below this is no impact
 

@@ -138,3 +138,24 @@ def test_claims_take_no_memory_and_no_time(assembler):
     assert tracemalloc.get_traced_memory()[1] < 500_000
     tracemalloc.stop()
     assert LARGEST < LIMIT
+
+
+def test_fragments_that_overlap_take_no_more_than_their_message(assembler):
+    """Each is at the message's begin; together they would be many times as long."""
+    for sender in range(4):
+        take(assembler, first(bytes(60_000), size=LIMIT, count=900), sender)
+        for index in range(1, 900):
+            take(assembler, fragment(bytes(60_000), LIMIT, 0, index, 900), sender)
+    held = [
+        sum(len(data) for _, data in each.parts.values()) for each in assembler._partial.values()
+    ]
+    assert len(held) == 4 and max(held) <= LIMIT
+
+
+def test_the_rest_of_a_message_on_a_channel_that_is_left(assembler):
+    one, *others = datagrams(CHANNEL, LONG, 1)
+    take(assembler, one)
+    assembler.ignore(CHANNEL)
+    for part in others:
+        assert take(assembler, part) is None
+    assert assembler.dropped == {REST: len(others)}

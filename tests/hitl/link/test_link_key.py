@@ -82,7 +82,8 @@ def test_keys_that_are_refused(tmp_path, size, mode, sentence):
 
 
 def test_what_is_no_file_of_a_key(tmp_path):
-    for path in (tmp_path / "none", tmp_path, "/dev/zero"):
+    os.mkfifo(tmp_path / "pipe", 0o600)
+    for path in (tmp_path / "none", tmp_path, "/dev/zero", tmp_path / "pipe", "a\0b"):
         with pytest.raises(UserError, match="--link_key .*urandom"):
             read_key(type(tmp_path)(path))
     path = tmp_path / "key"

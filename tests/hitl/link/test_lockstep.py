@@ -11,8 +11,9 @@ from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace
 from airrace.diagrams.transport import POLL_PERIOD
 from airrace.hitl.link import lockstep
-from airrace.hitl.link.endpoint import Channel, Endpoint
+from airrace.hitl.link.endpoint import HEARTBEAT, Channel, Endpoint, Received
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
+from airrace.hitl.link.packets import Stamp
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.scenario import Scenario
 
@@ -111,6 +112,18 @@ def turns(side, link, ticks):
         with contextlib.suppress(Pause):
             side.exchange.receive(Clock())
         yield
+
+
+def test_what_nobody_will_ask_for_takes_no_memory():
+    """Heartbeats of ticks far ahead, and messages with any numbers, of who has sniffed the race."""
+    exchange = Exchange(Side("simulation", SimulatedLink(LinkConfig())).endpoint, None, None)
+    for number in range(1, 2000):
+        message = Received(number, Stamp(1, number, 0.0), 0.0)
+        exchange._keep("FROM_autonomy", message)
+        beat = lcmtypes.lcmt_heartbeat()
+        beat.step = number
+        exchange._keep(HEARTBEAT, Received(beat, Stamp(1, number, 0.0), 0.0))
+    assert exchange.waiting == 64 + 2
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])

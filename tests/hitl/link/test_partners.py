@@ -246,6 +246,12 @@ def test_heartbeats_of_another_airrace(network):
         await_peer(simulation, phases.WAITING, timeout=5.0)
 
 
+@pytest.mark.parametrize("said", ['[[1,2],["a",3]]', '[["estimator","truth"],[5,6]]', "7", "null"])
+def test_fields_that_are_none(said):
+    me = Partner(shared={"estimator": "truth"})
+    assert first_difference(said, me) == "what it says of it cannot be read"
+
+
 def test_what_is_not_signed_is_no_cable(network):
     simulation = network.add(SIMULATION, phases.WAITING, race=RACE)
     simulation._bus.summary = lambda: {"received": 7, "dropped": {UNSIGNED: 7}}

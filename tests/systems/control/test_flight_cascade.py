@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.math.quaternion import heading, rotation_between, rotation_matrix
+from airrace.math.quaternion import heading, reference_yaw, rotation_between, rotation_matrix
 from airrace.systems.control.attitude_controller import MOST_RATES, AttitudeController
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.setpoint import (
@@ -122,12 +122,38 @@ def test_a_yaw_rate_turns_the_drone(drone):
     assert heading(state.quaternion) == pytest.approx(1.0, abs=0.15)
 
 
+def test_an_attitude_without_a_yaw_turns_by_its_rates():
+    flight = Flight("vadr")
+    q = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])  # pitched by 0.2 rad, at yaw 0
+    rates = np.array([0.0, 0.0, 0.5])
+    state = flight.want(2.0, kind=ATTITUDE, quaternion=q, rates=rates, thrust=flight.hover)
+    assert reference_yaw(state.quaternion) == pytest.approx(1.0, abs=0.1)
+    assert rotation_matrix(state.quaternion)[2, 2] == pytest.approx(np.cos(0.2), abs=0.01)
+
+
+def test_a_height_is_held_while_a_velocity_is_flown():
+    flight = Flight("vadr")
+    place, level = np.array([-50.0, 70.0, 1.0]), np.array([1.0, -0.5, 0.0])
+    state = flight.want(
+        4.0, kind=POSITION, position=place, velocity=level, has_position=np.array([0.0, 0.0, 1.0])
+    )
+    np.testing.assert_allclose(state.velocity, level, atol=0.05)
+    assert state.position[2] == pytest.approx(1.0, abs=0.03)
+
+
+def test_an_acceleration_alone_is_flown():
+    flight = Flight("vadr")
+    push = np.array([1.0, 0.0, 0.5])
+    state = flight.want(2.0, kind=VELOCITY, acceleration=push, has_velocity=np.zeros(3))
+    np.testing.assert_allclose(state.velocity, 2.0 * push, atol=0.2)
+
+
 @each
 def test_an_attitude_is_taken(drone):
     flight = Flight(drone)
     half = np.array([0.2, -0.15, 0.3])
     q = np.append(np.sqrt(1.0 - half @ half), half)
-    state = flight.want(2.0, kind=ATTITUDE, quaternion=q, thrust=flight.hover)
+    state = flight.want(2.0, kind=ATTITUDE, quaternion=q, has_yaw=1.0, thrust=flight.hover)
     assert np.linalg.norm(rotation_between(state.quaternion, q)) < 0.01
     np.testing.assert_allclose(state.angular_velocity, 0.0, atol=0.02)
 
@@ -148,4 +174,4 @@ def test_thrust_in_hover_carries_the_weight():
     flight = Flight("vadr")
     state = flight.want(1.0, kind=RATES, thrust=flight.hover)
     np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
-    assert 0.25 <= flight.hover <= 0.28
+    assert flight.hover == pytest.approx(0.2, abs=0.001)

@@ -91,17 +91,20 @@ def test_it_ends_with_its_parent_however_that_ends(firmware, tmp_path):
 
 @pytest.mark.slow
 def test_the_same_steps_are_answered_alike_by_two_at_once_on_a_busy_computer(
-    firmware, configured, sticks
+    firmware, configured, sticks, tmp_path
 ):
     channels = 500 * [NO_RADIO] + 5000 * [sticks.at_rest(False)]
     channels += 300 * [sticks.at_rest(True)] + 200 * [sticks.channels_of_thrust(0.2)]
     turn = REST + np.array((0.3, -0.2, 0.1, 0.0, 0.0, 0.0))
 
     def flights(number):
+        folders = [tmp_path / f"{i}_of_{number}" for i in range(number)]
         with contextlib.ExitStack() as stack:
+            for folder in folders:
+                shutil.copytree(configured[0], folder)
             processes = [
-                stack.enter_context(contextlib.closing(FirmwareProcess(firmware, configured[0])))
-                for _ in range(number)
+                stack.enter_context(contextlib.closing(FirmwareProcess(firmware, folder)))
+                for folder in folders
             ]
             answers = [[] for _ in processes]
             for i, each in enumerate(channels):

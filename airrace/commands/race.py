@@ -75,6 +75,8 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     scenario = race_scenario(options)
     if scenario.flight_controller == "internal":
         return fly(options, quiet, scenario=scenario)
+    from airrace.betaflight.firmware import find_firmware
     from airrace.betaflight.transport import join_betaflight
 
+    find_firmware()  # before anything that takes a while
     return fly(options, quiet, scenario=scenario, transport=join_betaflight)

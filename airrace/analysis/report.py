@@ -1,6 +1,7 @@
 """report.html of a run: a page of pictures and tables that needs nothing else."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_json import RaceJson, WallJson, is_course_json
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import trajectory_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FILE = "report.html"
 # Topics that it says nothing of.
@@ -82,6 +86,7 @@ def _pictures(run: Run) -> dict[str, str]:
     from matplotlib import rc_context
 
     from airrace.analysis import (
+        figures_blackbox,
         figures_estimator,
         figures_explorer,
         figures_laps,
@@ -93,6 +98,12 @@ def _pictures(run: Run) -> dict[str, str]:
     from airrace.analysis.figure_style import STYLE, inline_svg
 
     laps = run.result["laps"]
+    log = figures_blackbox.read_log(run)
+
+    def draw_log(run: Run) -> "Figure":
+        assert log is not None
+        return figures_blackbox.rates_figure(run, log)
+
     sections = (
         ("The track from above", True, figures_track.track_figure),
         ("The planned laps", figures_plans.planned_laps(run), figures_plans.plans_figure),
@@ -104,6 +115,7 @@ def _pictures(run: Run) -> dict[str, str]:
         (_ESTIMATE, len(run.estimator) > 1, figures_estimator.errors_figure),
         (_CERTAINTY, len(run.estimator) > 1, figures_estimator.certainty_figure),
         ("Rotors", len(run.rotors), figures_signals.rotors_figure),
+        ("Betaflight", log is not None, draw_log),
         (
             "What the explorer did",
             run.result["exploration"]["events"],

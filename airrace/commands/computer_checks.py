@@ -27,6 +27,7 @@ def check_computer() -> list[Row]:
         Row("Python", platform.python_version(), "3.12 or newer", GOOD, ""),
         *(_package(name) for name in _PACKAGES),
         _vtk(),
+        _betaflight(),
         _machine_code(),
         _cores(),
         _priority(),
@@ -51,6 +52,17 @@ def _vtk() -> Row:
     except UserError as e:
         return Row("--renderer vtk", "no", "only if you want it", WEAK, str(e))
     return Row("--renderer vtk", "yes", "only if you want it", GOOD, "")
+
+
+def _betaflight() -> Row:
+    from airrace.betaflight.firmware import find_firmware
+
+    what, needed = "Betaflight", "only if you want it"
+    try:
+        firmware = find_firmware()
+    except UserError as e:
+        return Row(what, "no", needed, WEAK, str(e))
+    return Row(what, f"{firmware.version}, in {firmware.program.parent}", needed, GOOD, "")
 
 
 def _machine_code() -> Row:

@@ -21,7 +21,7 @@ from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.standing_drone import Standing, StandingDrone
 from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
-from airrace.scenario import Scenario, load_scenario, scenario_yaml
+from airrace.scenario import INTERNAL, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.types import ExplorerStatus
 
@@ -114,6 +114,7 @@ def compile_apart(scenario: Scenario) -> None:
 def _compile_apart(scenario):
     jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
+    scenario = dc.replace(scenario, flight_controller=INTERNAL)
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     # The other process has another __main__ than a script or notebook with systems of its own.
     systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}

@@ -6,6 +6,7 @@ scenario.py has its fields; checks.py says what their values may be.
 from airrace.scenario.scenario import (
     CONTENTS,
     CORNERS,
+    INTERNAL,
     LEARNED,
     LINK_DELAY,
     MAP_ESTIMATORS,

@@ -17,7 +17,13 @@ from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, Camera
 from airrace.scenario.lap_limits import parse_limits
 from airrace.scenario.mavlink_config import NONE, OFFICIAL, MavlinkConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
-from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
+from airrace.vehicle.sensor_failures import (
+    CAMERA_FAILURES,
+    IMU_FAILURES,
+    RADIO_FAILURES,
+    CameraFailure,
+    ImuFailure,
+)
 
 if TYPE_CHECKING:
     from airrace.scenario import PlannerConfig, Scenario
@@ -75,6 +81,7 @@ RANGES = {
     "rotor_failures[].time": (0, math.inf),
     "imu_failures[].time": (0, math.inf),
     "camera_failures[].time": (0, math.inf),
+    "radio_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
@@ -183,6 +190,20 @@ def check_estimator(scenario: "Scenario") -> None:
             f"The estimator 'vio' sees from pictures where the drone is, and makes its own map: "
             f"leave out {what}, or set --estimator truth."
         )
+
+
+def check_flight_controller(scenario: "Scenario") -> None:
+    """Checks the flight controller's name, and that what flies can command it."""
+    check_choice("flight_controller", scenario.flight_controller, ("internal", "betaflight"))
+    for i, failure in enumerate(scenario.radio_failures):
+        check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
+    if scenario.flight_controller == "internal":
+        for name in ("radio_failures", "betaflight_config"):
+            if getattr(scenario, name):
+                raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
+        return
+    if scenario.policy != "none":
+        raise UserError("A policy commands the rotors itself: set flight_controller to internal.")
 
 
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:

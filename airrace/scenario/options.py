@@ -24,7 +24,18 @@ SCENARIO = Group(
 # Fields of the scenario that options give.
 _FIELDS = {
     name: name
-    for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator", "policy")
+    for name in (
+        "drone",
+        "trajectory",
+        "track",
+        "laps",
+        "seed",
+        "map",
+        "estimator",
+        "policy",
+        "flight_controller",
+        "betaflight_config",
+    )
 } | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",

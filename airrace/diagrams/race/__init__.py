@@ -44,6 +44,8 @@ RESULTS = (
     "map_statistics.json",
     "race.json",
     "race.mcap",
+    "betaflight.txt",
+    "betaflight.bfl",
     "race.html",
     "report.html",
 )
@@ -125,10 +127,16 @@ def MakeRace(
         UserError: if something the scenario names cannot be had, or the recording
             cannot be written.
     """
+    transport = transport or InProcess()
+    if scenario.flight_controller not in transport.flight_controllers:
+        raise UserError(
+            f"With flight_controller '{scenario.flight_controller}' only `airrace race` flies, and "
+            "no hardware in the loop: set it to internal."
+        )
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, visible=page is not None))
     try:
-        autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
+        autonomy = transport.AddToBuilder(builder, scenario, simulation)
     except RuntimeError as e:  # only systems of the scenario's own can have such ports
         message = " ".join(str(e).split())
         raise UserError(f"The ports of the systems do not fit: {message}") from None

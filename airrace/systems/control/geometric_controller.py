@@ -14,6 +14,7 @@ from airrace.systems.control.control_law import (
     parameters_vector,
 )
 from airrace.systems.control.own_wrench import OwnWrench
+from airrace.systems.control.rates_of_wrench import set_rates
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
@@ -44,13 +45,15 @@ class GeometricController(LeafSystem):
         - rotor_speeds
         - rotor_losses
         output_ports:
-        - rotor_speed_command
+        - rotor_speed_command, or rate_command
 
     ``reference``: a trajopt.Reference (18); ``filtered_estimate``: a vehicle.State
     (14); ``disturbance``: an acceleration to lean against (m/s^2,
     in the world), see StateFilter; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
-    ``rotor_losses``: see RotorMonitor.
+    ``rotor_losses``: see RotorMonitor. For a flight controller there is a ``rate_command`` in the
+    place of the rotor speeds, [f, w_x, w_y, w_z]: thrust (N) and rates in B (rad/s), (4,), see
+    set_rates().
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
@@ -77,6 +80,7 @@ class GeometricController(LeafSystem):
         attitude_error: str = "reduced",
         gains: str = "vehicle",
         rotor_overdrive: bool = True,
+        commands_rates: bool = False,
     ):
         """Constructs the controller.
 
@@ -93,6 +97,7 @@ class GeometricController(LeafSystem):
                 original_gains. A drone that cannot hold its yaw descends with "vehicle".
             rotor_overdrive: whether commands overshoot; without, the commanded
                 speeds are the desired ones.
+            commands_rates: whether a flight controller is told thrust and rates.
 
         Raises:
             UserError: if the vehicle lacks the gains.
@@ -105,7 +110,10 @@ class GeometricController(LeafSystem):
             lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses)))
         )
         # One vector is quicker to hand over, see common/jit.py.
-        self._parameters = parameters_vector(make_parameters(vehicle, attitude_error, gains))
+        parameters = make_parameters(vehicle, attitude_error, gains)
+        self._parameters = parameters_vector(parameters)
+        self._rate_gains = parameters.k_w if commands_rates else None
+        self._inertia = parameters.inertia
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0
@@ -115,9 +123,10 @@ class GeometricController(LeafSystem):
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
-        state = self.DeclareDiscreteState(n)
+        name, size = ("rate_command", 4) if commands_rates else ("rotor_speed_command", n)
+        state = self.DeclareDiscreteState(size)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
-        self.DeclareStateOutputPort("rotor_speed_command", state)
+        self.DeclareStateOutputPort(name, state)
         self._own: OwnWrench | None = None
         if type(self).calc_wrench is not GeometricController.calc_wrench:
             clips = self.DeclareDiscreteState(1)
@@ -127,7 +136,10 @@ class GeometricController(LeafSystem):
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the controller of a scenario."""
-        return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
+        options = vars(scenario.controller)
+        if scenario.flight_controller != "internal":
+            options = options | {"commands_rates": True}
+        return cls(vehicle=load_vehicle(scenario.drone)[0], **options)
 
     def _update_command(self, context, discrete_state):
         remaining = self._remaining(read_vector(self._losses, context).tobytes())
@@ -145,6 +157,10 @@ class GeometricController(LeafSystem):
         else:
             return
         allocator, command = remaining.allocator, discrete_state.get_mutable_value()
+        if self._rate_gains is not None:
+            if all_finite(wrench):
+                set_rates(command, wrench, estimate, self._inertia, self._rate_gains)
+            return
         rotors = (
             read_vector(self._speeds, context),
             remaining.max_thrusts,

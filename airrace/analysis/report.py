@@ -1,5 +1,6 @@
 """report.html of a run: a page of pictures and tables that needs nothing else."""
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,8 +82,8 @@ def _summary(run: Run) -> dict:
     )
 
 
-def _pictures(run: Run) -> dict[str, str]:
-    """Returns an <svg> element by the title of every section that this run has data for."""
+def _pictures(run: Run) -> dict[str, dict[str, str]]:
+    """Returns <svg> elements by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
     from airrace.analysis import (
@@ -95,7 +96,7 @@ def _pictures(run: Run) -> dict[str, str]:
         figures_track,
     )
     from airrace.analysis.along_lap import lap_profiles, leg_losses
-    from airrace.analysis.figure_style import STYLE, inline_svg
+    from airrace.analysis.figure_style import STYLE, inline_pictures
 
     laps = run.result["laps"]
     log = figures_blackbox.read_log(run)
@@ -123,7 +124,11 @@ def _pictures(run: Run) -> dict[str, str]:
         ),
     )
     with rc_context(STYLE):
-        return {title: inline_svg(draw(run), title) for title, data, draw in sections if data}
+        return {
+            title: inline_pictures(functools.partial(draw, run), title)
+            for title, data, draw in sections
+            if data
+        }
 
 
 def write_report(folder: str | Path) -> Path:

@@ -11,12 +11,12 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from rich.console import Console
 
 from airrace.common import jit
 from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import bound_to
 from airrace.common.python_path import module_command
+from airrace.common.waiting import waiting
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.standing_drone import Standing, StandingDrone
@@ -103,10 +103,7 @@ def compile_apart(scenario: Scenario) -> None:
     """
     if jit.is_complete(scenario.estimator):
         return
-    console, what = Console(stderr=True), "Compiling, once; it takes a minute or two"
-    if not console.is_terminal:
-        console.print(f"{what}...")
-    with console.status(what), jit.locked():
+    with waiting("Compiling, once; it takes a minute or two"), jit.locked():
         if not jit.is_complete(scenario.estimator):  # by another race, which had the lock before
             _compile_apart(scenario)
 

@@ -15,6 +15,7 @@ from airrace.common.processes import ending, real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.common.words import count as words_count
 from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.own_systems import find_mistake
 from airrace.hitl.budget import Budget, prepare_halves
 from airrace.hitl.checkpoint import race_of
 from airrace.hitl.handover import Ended
@@ -121,7 +122,9 @@ class AutonomyProcess:
         try:
             return self._run(patience)
         except Exception as e:
-            self._say_last(f"it was stopped by an error: {words(e)}")
+            mistake = find_mistake(e, self._scenario)
+            what = mistake.sentence if mistake else words(e)
+            self._say_last(f"it was stopped by an error: {what}")
             raise
 
     def _run(self, patience: float) -> int:

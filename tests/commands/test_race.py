@@ -360,7 +360,7 @@ class TestOptions:
             "student-airrace",
             "10",
             "0",
-            "planar,",
+            "planar",
             "runs/<UTC time>-<track>-<drone>-<t>",
             "yes",
             "Defaults",
@@ -505,8 +505,8 @@ class TestOutput:
         assert reason.startswith("ran out of time")
 
     @pytest.mark.slow
-    def test_a_box_that_raises_is_shown_with_its_traceback(self, folder):
-        """It is the student's bug: the place matters."""
+    def test_a_box_that_raises_is_told_in_one_sentence_and_its_own_lines(self, folder):
+        """It is the student's bug: the place matters, and it is not among thirty of ours."""
         (folder / "systems").mkdir()
         (folder / "systems" / "my_boxes.py").write_text(
             "from airrace.systems.planning.trajectory_tracker import TrajectoryTracker\n"
@@ -537,10 +537,16 @@ class TestOutput:
             env={**os.environ, "PYTHONPATH": f"{models_path().parent}:{folder / 'systems'}"},
         )
         assert process.returncode == 1
-        assert 'my_boxes.py", line 7' in process.stderr
-        assert process.stderr.splitlines()[-1] == "ValueError: a mistake"
+        mistake = (
+            "my_boxes.Tracker._calc_reference() raised ValueError: a mistake (my_boxes.py, line 7)"
+        )
+        place, line, sentence = process.stderr.splitlines()[-3:]
+        assert 'my_boxes.py", line 7' in place and line.strip() == "raise ValueError('a mistake')"
+        assert sentence == f"airrace: {mistake}; the whole traceback is in out/error.txt."
+        assert "race/__init__.py" not in process.stderr
+        assert "race/__init__.py" in (folder / "out" / "error.txt").read_text()
         data = json.loads((folder / "out" / "race.json").read_text())
-        assert data["dnf_reason"] == "stopped by an error"
+        assert data["dnf_reason"] == f"stopped by an error: {mistake}"
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no fonts"), UserError("report.html is full.")])

@@ -7,6 +7,7 @@ import contextlib
 import dataclasses as dc
 import gc
 import time
+import traceback
 import types
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,10 +16,11 @@ from typing import TYPE_CHECKING
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.common.errors import UserError
+from airrace.common.errors import OwnCodeError, UserError
 from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
+from airrace.diagrams.own_systems import find_mistake
 from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.recording.course_result import CourseResult
@@ -48,8 +50,10 @@ RESULTS = (
     "betaflight.bfl",
     "race.html",
     "report.html",
+    "error.txt",
 )
 INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
+STOPPED = "stopped by an error"  # or so, after an exception
 
 
 def run_race(
@@ -81,6 +85,8 @@ def run_race(
     Raises:
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
+        OwnCodeError: if a system of the scenario's own raised an exception; the whole traceback is
+            left in error.txt.
     """
     transport = transport or InProcess()
     diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
@@ -93,12 +99,20 @@ def run_race(
             gc.freeze()
             reason = race.fly(interrupted)
         except BaseException as e:
-            race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
+            mistake = None if interrupted.is_set else find_mistake(e, scenario)
+            reason = f"{STOPPED}: {mistake.sentence}" if mistake else STOPPED
+            race.rescue(INTERRUPTED if interrupted.is_set else reason)
             if isinstance(e, SystemExit):  # of a system of the user's; it would look like success
                 raise UserError(
                     f"A system of the race has called exit({e.code}), and the race ends with it: "
                     "systems raise an exception if something is wrong."
                 ) from e
+            if mistake:
+                file = output_dir / "error.txt"
+                with contextlib.suppress(UserError):  # a full disk
+                    write_text(file, "".join(traceback.format_exception(e)))
+                sentence = f"airrace: {mistake.sentence}; the whole traceback is in {file}."
+                raise OwnCodeError("\n".join([*mistake.frames, sentence])) from e
             raise
         finally:
             gc.unfreeze()

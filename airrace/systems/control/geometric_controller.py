@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compiled
-from airrace.systems.contract import name_of
+from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -100,7 +100,8 @@ class GeometricController(LeafSystem):
             commands_rates: whether a flight controller is told thrust and rates.
 
         Raises:
-            UserError: if the vehicle lacks the gains.
+            UserError: if the vehicle lacks the gains, or a calc_wrench() of one's own takes other
+                arguments.
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
@@ -129,6 +130,7 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort(name, state)
         self._own: OwnWrench | None = None
         if type(self).calc_wrench is not GeometricController.calc_wrench:
+            check_arguments(self.calc_wrench, "reference", "estimate")
             clips = self.DeclareDiscreteState(1)
             self.DeclareStateOutputPort("negative_thrusts", clips)
             self._own = OwnWrench(f"{name_of(self)}.calc_wrench()", clips)

@@ -85,7 +85,8 @@ def with_picture(name, folder, out) -> str:
 def run_here(name, folder, *words) -> str:
     """The same in this process; its races are short, and its evaluations made up."""
     blind = {"map": "track", "camera": {"renderer": "none"}}
-    fields = {"referee": {"time_limit": 8.0}} if name == "own_detector" else blind
+    brief = {"referee": {"time_limit": 6.0}, "camera": {"width": 640, "height": 360}}
+    fields = brief if name == "own_detector" else blind
     fly = python_race.fly_any
 
     def fly_briefly(options, quiet=False):

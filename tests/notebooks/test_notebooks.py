@@ -28,7 +28,7 @@ FEWER_DRONES = "DRONES, SECONDS = 128", "DRONES, SECONDS = 64"
 BRIEF_RACES = {
     **RACES,
     "1_first_race": NONE,
-    "5_your_own_box": {**FEWER, "referee": {"time_limit": 8.0}},
+    "5_your_own_box": {**FEWER, "referee": {"time_limit": 6.0}},
 }
 BRIEF_CODE = {
     "2_dynamics_and_controller": [("seconds=8.0", "seconds=4.0")],
@@ -38,9 +38,14 @@ BRIEF_CODE = {
         ("len(races) == 2", "len(races) == 1"),
     ],
     "7_where_am_i": [("range(8)", "range(3)"), ("FLIGHTS = 5", "FLIGHTS = 2")],
-    "8_delay_in_the_loop": [("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)")],
+    "8_delay_in_the_loop": [
+        ("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)"),
+        ("seconds=6.0", "seconds=4.0"),
+        ("times > 5.0", "times > 3.0"),
+    ],
+    "9_losing_a_rotor": [("seconds=8.0", "seconds=6.0")],
     "10_a_policy_that_learns": [
-        ("DRONES, SECONDS = 128", "DRONES, SECONDS = 32"),
+        ("DRONES, SECONDS = 128, 8.0", "DRONES, SECONDS = 32, 4.0"),
         ("iterations=60", "iterations=2"),
         ("iterations=30", "iterations=2"),
     ],

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import System
 
-import airrace
 from airrace.common.errors import UserError, words
 from airrace.common.python_path import add_own_systems_folder
+from airrace.common.resources import PACKAGE
 from airrace.common.words import printable
 from airrace.scenario import Scenario
 from airrace.systems.contract import name_of
@@ -20,7 +20,7 @@ from airrace.systems.contract import name_of
 # Where code is that is nobody's own: airrace, Python's library, and installed packages.
 _LIBRARIES = tuple(
     Path(place).resolve()
-    for place in {*airrace.__path__, *map(sysconfig.get_path, ("stdlib", "purelib", "platlib"))}
+    for place in (PACKAGE, *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 )
 
 

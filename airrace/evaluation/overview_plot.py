@@ -67,7 +67,7 @@ def make_overview(evaluation: dict, with_title: bool = True, paper: Paper = DESK
     else:
         figure = make_figure(paper.width, 1.9 + 1.4 * n + 4.5)
         grid = figure.add_gridspec(n + 2, 1, height_ratios=[*[1.4] * n, 2.0, 2.5])
-        places = [*grid]
+        places = [grid[row, 0] for row in range(n + 2)]
     if with_title:
         figure.suptitle(title(evaluation["settings"]), parse_math=False, wrap=True)
     *rows, rates, reasons = map(figure.add_subplot, places)

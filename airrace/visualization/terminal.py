@@ -174,8 +174,8 @@ class RaceDisplay:
                     self._lap_start = crossing.time
                 self._crossings += 1
             case events.StateSample():
-                self._warn_of_tumbling(event)
                 self._warn_of_wrong_moments(event)
+                self._warn_of_tumbling(event)
                 self._refresh(event.time)
 
     def _warn_of_tumbling(self, sample: events.StateSample) -> None:
@@ -196,7 +196,7 @@ class RaceDisplay:
             return
         x, y, z = rotation_matrix(sample.truth.quaternion)[2]  # up, in the body's axes
         if z < _UPRIGHT:
-            self._over = True
+            self._over = self._tumbled = True  # one line is enough
             axis = "x" if abs(y) > abs(x) else "y"
             self._print_at(
                 sample.time,

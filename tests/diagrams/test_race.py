@@ -267,6 +267,12 @@ FAULTY = """
         def calc_wrench(self, reference, estimate):
             return -super().calc_wrench(reference, estimate)
 
+    class Careless(GeometricController):
+        def calc_wrench(self, reference, estimate):
+            return None
+
+    careless = Careless.from_scenario
+
     class Mapper(GateMapper):
         "Nobody can have its map, not even when the race is over."
         def __init__(self, scenario):
@@ -320,6 +326,14 @@ class TestFaults:
         with pytest.raises(UserError, match=r"A system of the race has called exit\(0\)"):
             run_race(short(systems={"trajectory_tracker": "faulty_boxes:Leaver"}), faulty_boxes)
         assert "Leaver._look() raised SystemExit" in read_race(faulty_boxes)["dnf_reason"]
+
+    def test_a_box_that_gives_what_is_not_wanted(self, faulty_boxes):
+        with pytest.raises(UserError, match=r"faulty_boxes.Careless.calc_wrench\(\) gave None"):
+            run_race(short(systems={"geometric_controller": "faulty_boxes:careless"}), faulty_boxes)
+        reason = read_race(faulty_boxes)["dnf_reason"]
+        assert reason.startswith(
+            "stopped by an error: faulty_boxes.Careless.calc_wrench() gave None"
+        )
 
     @pytest.mark.slow
     def test_a_controller_that_pushes_down(self, faulty_boxes, monkeypatch):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.common.errors import OwnCodeError, UserError
+from airrace.common.errors import OwnCodeError, UserError, words
 from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
@@ -100,7 +100,10 @@ def run_race(
             reason = race.fly(interrupted)
         except BaseException as e:
             mistake = None if interrupted.is_set else find_mistake(e, scenario)
-            reason = f"{STOPPED}: {mistake.sentence}" if mistake else STOPPED
+            why = mistake.sentence if mistake else ""
+            if scenario.systems and isinstance(e, UserError):  # as of what they give
+                why = words(e)
+            reason = f"{STOPPED}: {why}" if why else STOPPED
             race.rescue(INTERRUPTED if interrupted.is_set else reason)
             if isinstance(e, SystemExit):  # of a system of the user's; it would look like success
                 raise UserError(

@@ -21,6 +21,8 @@ from airrace.scenario import trajectory_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from airrace.analysis.figure_style import Paper
+
 FILE = "report.html"
 # Topics that it says nothing of.
 _WITHOUT = (
@@ -101,9 +103,9 @@ def _pictures(run: Run) -> dict[str, dict[str, str]]:
     laps = run.result["laps"]
     log = figures_blackbox.read_log(run)
 
-    def draw_log(run: Run) -> "Figure":
+    def draw_log(run: Run, paper: "Paper") -> "Figure":
         assert log is not None
-        return figures_blackbox.rates_figure(run, log)
+        return figures_blackbox.rates_figure(run, log, paper)
 
     sections = (
         ("The track from above", True, figures_track.track_figure),

@@ -89,7 +89,7 @@ def height_from_above(paper: Paper, places: np.ndarray) -> float:
 
 def make_pair(
     paper: Paper, widths: tuple[float, float], heights: tuple[float, float]
-) -> tuple[Figure, "Axes", "Axes"]:
+) -> tuple[Figure, Any, Any]:
     """Returns a figure and its two panels: side by side, or on a phone one below the other.
 
     Args:

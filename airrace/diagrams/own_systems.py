@@ -20,7 +20,7 @@ from airrace.systems.contract import name_of
 # Where code is that is nobody's own: airrace, Python's library, and installed packages.
 _LIBRARIES = tuple(
     Path(place).resolve()
-    for place in (PACKAGE, *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
+    for place in (str(PACKAGE), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 )
 
 

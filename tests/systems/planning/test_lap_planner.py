@@ -41,7 +41,7 @@ GATES = tuple(
     for n, gate in enumerate(load_track("student-airrace").gates)
 )
 DONE = ExplorerStatus(state="DONE", gates=tuple(range(10)), done=True)
-few = settings(max_examples=60)
+few = settings(max_examples=30)
 
 
 def moved(step):

@@ -25,15 +25,13 @@ from numba.core.dispatcher import Dispatcher
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import _PARTS
 from airrace.scenario import Scenario
-from airrace.scenario.camera_config import CameraConfig
 
 def compiled():
     return {{(each.py_func.__module__, each.py_func.__name__, str(signature))
             for each in gc.get_objects() if isinstance(each, Dispatcher)
             for signature in each.signatures}}
 
-camera = CameraConfig(width=640, height=360)
-scenario = Scenario(laps=1, estimator={estimator!r}, camera=camera)
+scenario = Scenario(laps=1, estimator={estimator!r})
 for part in _PARTS.values():
     part(scenario)
 before = compiled()

@@ -449,7 +449,8 @@ class TestOutput:
         left = path / "scenario.yaml"
         assert load_scenario(filename=str(left)).drone == str(folder / "my_drone")
         monkeypatch.chdir(path)
-        assert main(["--scenario_file", str(left), "--no-meshcat", "--output", "again"]) == 1
+        again = ["--scenario_file", str(left), "--no-meshcat", "--no-report", "--output", "again"]
+        assert main(again) == 1
         assert (path / "again" / "scenario.yaml").read_text() == left.read_text()
 
     @pytest.mark.slow
@@ -479,7 +480,8 @@ class TestOutput:
 
     @pytest.mark.slow
     def test_meshcat_leaves_a_replay(self, folder, capsys):
-        assert main(["--output", "out", "--scenario_text", "referee: {time_limit: 0.2}"]) == 1
+        brief = ["--no-report", "--scenario_text", "referee: {time_limit: 0.2}"]
+        assert main(["--output", "out", *brief]) == 1
         assert "Watch it at http://localhost:" in capsys.readouterr().out
         assert "</html>" in (folder / "out" / "race.html").read_text()
 
@@ -527,6 +529,7 @@ class TestOutput:
                 "--output",
                 "out",
                 "--no-meshcat",
+                "--no-report",
                 "--scenario_text",
                 "systems: {trajectory_tracker: my_boxes:Tracker}",
             ],

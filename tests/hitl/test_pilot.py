@@ -36,7 +36,7 @@ class Slow(SimulatedRemote):
 def race(hexagon, folder, silence, time_limit):
     scenario = Scenario(track=hexagon, laps=1, link_delay=LINK_DELAY)
     scenario.referee.time_limit = time_limit
-    scenario.camera.width, scenario.camera.height = 640, 360
+    scenario.camera.width, scenario.camera.height, scenario.camera.fps = 640, 360, 15.0
     (folder / "autonomy").mkdir()
     transport = Slow(scenario, folder / "autonomy", *silence)
     return run_race(scenario, folder, transport=transport), transport.modes

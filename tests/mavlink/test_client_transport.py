@@ -242,7 +242,7 @@ def test_nothing_of_a_race_is_left():
 def test_resets_again_and_again_leave_nothing_open(tmp_path):
     """Each begins on the pad, with all as at first, and no file or socket stays open."""
     link = Earpiece()
-    resets, open_files, looks = 4, [], Looks()
+    resets, open_files, looks = 3, [], Looks()
     process = psutil.Process()
 
     def pages():

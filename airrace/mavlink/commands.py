@@ -104,7 +104,7 @@ def _attitude(message, dialect, situation):
     given = [not mask & bit for bit in (1, 2, 4)]
     gains = dialect.rate_gains if mask & _RATES_IN_RAD else dialect.stick_gains
     rates = _finite([rate if is_given else 0.0 for rate, is_given in zip(wire, given)])
-    rates = flipped(np.multiply(dialect.setpoint_rates, gains) * rates)
+    rates = flipped(gains * rates)
     if mask & _IGNORE_ATTITUDE:
         return NO_SETPOINT._replace(kind=RATES, thrust=thrust, rates=rates)
     q = _finite(message.q)

@@ -72,13 +72,14 @@ class Dialect:
         "a drone so far off its pad before the start is disqualified (m), 0 = never", OURS
     )
     setpoint_quaternion: Four = _fact("`SET_ATTITUDE_TARGET`: signs of w, x, y, z", CLIENTS)
-    setpoint_rates: Three = _fact("`SET_ATTITUDE_TARGET`: signs of body rates", CAPTURED)
     stick_gains: Three = _fact(
         "`SET_ATTITUDE_TARGET`: rad/s flown for 1 of a body rate; its stick curve is taken as "
         "straight",
         CAPTURED,
     )
-    rate_gains: Three = _fact("the same if bit 16 of its type_mask is set", CAPTURED)
+    rate_gains: Three = _fact(
+        "the same if bit 16 of its type_mask is set; less than 0 = mirrored", CAPTURED
+    )
     thrust: tuple[float, float] | None = _fact(
         "`SET_ATTITUDE_TARGET`: thrust that hovers, and m/s² for 1 more of it; null = a share of "
         "all thrust",
@@ -128,9 +129,8 @@ DIALECTS = {
         disarms=True,
         early=0.1,
         setpoint_quaternion=(1.0, 1.0, -1.0, -1.0),
-        setpoint_rates=_MIRRORED,
         stick_gains=(2.44, 2.46, 2.18),
-        rate_gains=(0.98, 0.98, 0.89),
+        rate_gains=(-0.98, -0.98, -0.89),
         thrust=(0.266, 53.5),
         velocity_to_position=0.0,
         frames={},
@@ -164,7 +164,6 @@ DIALECTS = {
         disarms=False,
         early=0.0,
         setpoint_quaternion=(1.0, 1.0, 1.0, 1.0),
-        setpoint_rates=_PLAIN,
         stick_gains=_PLAIN,
         rate_gains=_PLAIN,
         thrust=None,

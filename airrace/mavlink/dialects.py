@@ -42,8 +42,11 @@ class Dialect:
 
     attitude: Three = _fact("`ATTITUDE`: signs of roll, pitch, yaw", CAPTURED)
     attitude_rates: Three = _fact("`ATTITUDE`: signs of their rates, as the gyroscope's", OURS)
-    odometry_quaternion: Four = _fact("`ODOMETRY`: signs of w, x, y, z", CAPTURED)
-    odometry_rates: Three = _fact("`ODOMETRY`: signs of its rates, as the gyroscope's", OURS)
+    odometry_quaternion: Four = _fact(
+        "`ODOMETRY`: signs of w, x, y, z, which turn its velocity to NED's", CAPTURED
+    )
+    odometry_child: int = _fact("`ODOMETRY`: child_frame_id", ONE)
+    odometry_rates: Three = _fact("`ODOMETRY`: signs of its rates, as the gyroscope's", CAPTURED)
     gyro: Three = _fact("`HIGHRES_IMU`: signs of the gyroscope", CAPTURED)
     epoch_ns: int = _fact("pictures and `TIMESYNC`'s tc1: time of the boot (ns)", CAPTURED)
     base_mode: int = _fact("`HEARTBEAT`: base_mode, with 128 more while it is armed", CAPTURED)
@@ -117,6 +120,7 @@ DIALECTS = {
         active_status=3,
         motors=((1, 1), (1, -1), (-1, 1), (-1, -1)),  # FL, FR, BL, BR
         gate_point=(0.0, 0.0, -OUTER / 2),
+        odometry_child=BODY_NED,
         gate_axes=(0.0, _DIAGONAL, _DIAGONAL, 0.0),
         gate_side=OUTER,
         track_at=9.5,
@@ -151,6 +155,7 @@ DIALECTS = {
         base_mode=17,
         active_status=4,
         motors=((1, -1), (-1, 1), (1, 1), (-1, -1)),  # FR, RL, FL, RR, as PX4's
+        odometry_child=BODY_FRD,
         gate_point=(0.0, 0.0, 0.0),
         gate_axes=(0.0, 1.0, 0.0, 0.0),
         gate_side=INNER,

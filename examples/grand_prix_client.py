@@ -189,7 +189,7 @@ def fly(client, link, stream, dialect):
             for time, picture in pictures(stream, parts):
                 if started and time - epoch > client.past[0][0]:
                     client.look(time - epoch, picture)
-            if not armed:  # again after the start, which disarms
+            if not armed:
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
                 continue
             force, rates = client.command() if started else (0.0, np.zeros(3))

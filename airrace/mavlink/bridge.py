@@ -326,8 +326,6 @@ class MavlinkBridge(LeafSystem):
             self._complain(EARLY_START)
         elif time >= flight.start:
             memory[:] = _FLIGHT.vector(flight._replace(begun=1.0))
-            if self._dialect.disarms:
-                discrete_state.get_mutable_value(self._setpoint)[:] = setpoint_vector(NO_SETPOINT)
 
     def _command(self, context, discrete_state, message):
         result, why = mavlink.MAV_RESULT_ACCEPTED, None

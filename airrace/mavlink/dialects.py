@@ -70,7 +70,6 @@ class Dialect:
     settling: float = _fact("or after a reset, not before (s)", CLIENTS)
     clock_goes_on: bool = _fact("a reset leaves the clock since boot as it is", ONE)
     countdown: float = _fact("from then to the race's start (s)", CAPTURED)
-    disarms: bool = _fact("the race's start disarms the drone", CLIENTS)
     early: float = _fact(
         "a drone so far off its pad before the start is disqualified (m), 0 = never", OURS
     )
@@ -130,7 +129,6 @@ DIALECTS = {
         settling=3.5,
         clock_goes_on=True,
         countdown=2.85,
-        disarms=True,
         early=0.1,
         setpoint_quaternion=(1.0, 1.0, -1.0, -1.0),
         stick_gains=(2.44, 2.46, 2.18),
@@ -166,7 +164,6 @@ DIALECTS = {
         settling=0.0,
         clock_goes_on=False,
         countdown=0.0,
-        disarms=False,
         early=0.0,
         setpoint_quaternion=(1.0, 1.0, 1.0, 1.0),
         stick_gains=_PLAIN,

@@ -230,6 +230,8 @@ class MavlinkBridge(LeafSystem):
 
     def _send_status(self, context):
         start, status = float(self.flight(context).start), self._referee.Eval(context)
+        if context.get_time() < start - self._dialect.countdown - AFTER:
+            start = -1.0  # armed, but the countdown is still to come
         gates = len(self._track.gates)
         self._link.send(telemetry.race_status(self._now(context), start, status, gates))
 

@@ -126,9 +126,8 @@ def _thrust(message, dialect, situation):
         return last.thrust if last.kind in (RATES, ATTITUDE) else weight / frame.most
     thrust = min(max(_finite([message.thrust])[0], 0.0), 1.0)
     if dialect.thrust is not None:
-        hover, slope = dialect.thrust
-        thrust = (weight + frame.mass * slope * (thrust - hover)) / frame.most
-    return min(max(thrust, 0.0), 1.0)
+        thrust = frame.mass * float(np.interp(thrust, *zip(*dialect.thrust))) / frame.most
+    return min(thrust, 1.0)
 
 
 def _motion(message, dialect, situation):

@@ -173,10 +173,10 @@ class TestCommands:
         ack = link.of("COMMAND_ACK")[-1]
         assert (ack.command, ack.result) == (400, 0)
         # Thrust and rates, then an attitude.
-        state = session.fly(0.8, rates(0.4))
+        state = session.fly(0.8, rates(0.3))
         assert state.position[2] > 0.5 and state.velocity[2] > 1.0
         q = RollPitchYaw(0.3, 0.0, link.of("ATTITUDE")[-1].yaw).ToQuaternion().wxyz()
-        session.fly(0.6, attitude(q, 0.21))
+        session.fly(0.6, attitude(q, 0.2))
         assert link.of("ATTITUDE")[-1].roll == pytest.approx(0.3, abs=0.03)
         # Velocity and position, in LOCAL_NED.
         session.fly(1.5, velocity(0.0, 0.0, 0.0))

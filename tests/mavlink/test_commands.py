@@ -67,8 +67,13 @@ def test_thrust_is_a_share(thrust, expected):
 
 def test_official_thrust_hovers_as_measured_and_grows_as_measured():
     most = VADR.max_thrusts.sum() / VADR.mass  # m/s^2
-    forces = [setpoint_of(rates(u), OFFICIAL).thrust * most for u in (0.266, 0.366, 0.0)]
-    assert forces == pytest.approx([9.81, 9.81 + 5.35, 0.0], abs=0.01)
+    thrusts = np.array([0.0, 0.05, 0.266, 0.286, 0.485, 1.0, 2.0])
+    forces = [setpoint_of(rates(u), OFFICIAL).thrust * most for u in thrusts]
+    expected = [0.8, 0.8, 9.81, 9.81 + 0.02 * 53.5, 24.5, 51.7, 51.7]  # m/s^2
+    assert forces == pytest.approx(expected, abs=0.02)
+    # As one published model flies: at full thrust, drag holds its climb at 30.8 m/s.
+    climbs = np.sqrt((np.array([24.5, 51.7]) - 9.81) / 0.0436)
+    assert climbs == pytest.approx([16.9, 30.8], rel=0.1)
 
 
 def test_an_ignored_thrust_keeps_its_last_value_or_hovers():

@@ -4,6 +4,7 @@ Fields that a message's type_mask says to ignore are never read. All others must
 ignored keeps its last value, or is left to the autopilot:
 
 - a thrust that is ignored is that of the last attitude or rates, or hovers;
+- until there is a thrust, the motors stand still, whatever rates are wanted;
 - a body rate that is ignored is none; beside an attitude, rates are on top of what leads there,
   and a yaw rate alone takes the place of the attitude's yaw;
 - along an axis without position, velocity and acceleration, the drone stands still; with nothing
@@ -24,6 +25,7 @@ from airrace.mavlink.dialects import Dialect
 from airrace.mavlink.frames import flipped, flipped_quaternion
 from airrace.systems.control.setpoint import (
     ATTITUDE,
+    IDLE,
     MOTORS,
     NO_SETPOINT,
     POSITION,
@@ -85,7 +87,9 @@ def setpoint_of(message: Any, dialect: Dialect, situation: Situation) -> Setpoin
     """
     kind = message.get_type()
     if kind == "SET_ATTITUDE_TARGET":
-        return _attitude(message, dialect, situation)
+        wanted = _attitude(message, dialect, situation)
+        is_still = situation.last.kind == IDLE and wanted.thrust == 0.0
+        return NO_SETPOINT if is_still else wanted
     if kind == "SET_POSITION_TARGET_LOCAL_NED":
         return _motion(message, dialect, situation)
     motors = np.zeros(len(situation.airframe.rotors))

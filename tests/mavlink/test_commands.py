@@ -79,7 +79,7 @@ def test_official_thrust_hovers_as_measured_and_grows_as_measured():
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_rates_without_thrust_leave_a_drone_that_stands_still(dialect):
     dialect = DIALECTS[dialect]
-    assert setpoint_of(rates(0.0, 1.0, 2.0, 3.0), dialect) == NO_SETPOINT
+    assert setpoint_of(rates(0.0, 1.0, 2.0, 3.0), dialect) is NO_SETPOINT
     # One that flies turns without thrust, too.
     flying = NO_SETPOINT._replace(kind=RATES, thrust=0.4)
     assert setpoint_of(rates(0.0, 1.0, 2.0, 3.0), dialect, flying).kind == RATES

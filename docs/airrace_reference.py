@@ -181,6 +181,8 @@ def _plain(value) -> str:
     if hasattr(value, "_asdict"):
         return " ".join(name for name, each in value._asdict().items() if each) or "local"
     if isinstance(value, tuple) and isinstance(value[0], tuple):
+        if any(abs(x) != 1.0 for x, _ in value):  # not corners, but a curve
+            return ", ".join(f"{x:.4g}: {y:.4g}" for x, y in value)
         return ", ".join("BF"[x > 0] + "RL"[y > 0] for x, y in value)
     if isinstance(value, tuple):
         return " ".join(f"{each:.4g}" for each in value)

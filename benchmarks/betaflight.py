@@ -4,28 +4,35 @@
 
 A step is of 3 rad/s, or 1 rad/s of yaw, of a free body with the drone's inertia and rotors, at the
 thrust of a hover. Laps are flown on the known map of student-airrace, with the IMU's noise, within
-the limits of the rotors, by five sets of settings; within the original limits, with what bends the
-way from a throttle to thrust: thrust_linear, and a battery whose voltage falls by a tenth under
-load. Races from pixels are flown by turns with the controller that drives the motors itself, and
-with Betaflight: the ratio of their times is of one computer, at one time. It takes what `airrace
-betaflight build` builds.
+the limits of the rotors, by five sets of settings. Held on a table, how much of a thrust there is
+with what bends the way to it: thrust_linear, and a battery. Races from pixels are flown by turns
+with the controller that drives the motors itself, and with Betaflight: the ratio of their times is
+of one computer, at one time. It takes what `airrace betaflight build` builds.
 """
 
 import contextlib
-import shutil
+import dataclasses as dc
+import functools
+import itertools
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import airrace
-from airrace.betaflight.step_response import fly_step
+from airrace.betaflight.firmware import find_firmware
+from airrace.betaflight.firmware_process import PERIOD
+from airrace.betaflight.settings import configure
+from airrace.betaflight.step_response import fly_step, start_armed
+from airrace.betaflight.sticks import Sticks
 from airrace.betaflight.transport import find_settings, join_betaflight
-from airrace.common.resources import models_path
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.race import run_race
 from airrace.scenario import load_scenario
+from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.battery import Battery, Pack
 from benchmarks import harness
 from benchmarks.harness import make_table
 
@@ -44,15 +51,30 @@ SETS = {
 _STEPS = {"roll": 3.0, "yaw": 1.0}  # rad/s: about z, rotors have little moment
 _LAPS = "{map: track, camera: {renderer: none}, recording: {content: light}, "
 _ROTOR = "planner: {limits: rotor}, "
-_THROTTLES = {
-    "straight": ("", ""),
-    "thrust_linear = 40": ("set thrust_linear = 40\n", ""),
-    "vbat_sag_compensation = 100": ("set vbat_sag_compensation = 100\n", ""),
-    "a battery that the autonomy hears of": ("", "heard: true"),
-    "a battery that it does not hear of": ("", "heard: false"),
-}
-# Of a drone that takes 16 W in a hover, and 89 W at most.
-_BATTERY = "full: 12.6, empty: 10.5, capacity: 0.35, resistance: 0.18"
+# Of a drone whose rotors take 14 W in a hover, and 89 W at most: a tenth of the voltage is lost.
+_BATTERY = Battery(full=12.6, empty=10.5, capacity=0.35, resistance=0.18, efficiency=0.35)
+_LINEAR = "set thrust_linear = 40\n"
+
+
+class Throttle(NamedTuple):
+    """A way from a throttle to thrust."""
+
+    name: str
+    changes: str = ""  # lines of the settings
+    known: tuple[str, str] | None = None  # what the sticks take for what, in the settings
+    battery: Battery | None = None
+
+
+_THROTTLES = (
+    Throttle("shipped"),
+    Throttle("a battery that sags", battery=_BATTERY),
+    Throttle("and nobody hears of it", battery=dc.replace(_BATTERY, heard=False)),
+    Throttle("thrust_linear = 40", _LINEAR),
+    Throttle("and the sticks do not know", _LINEAR, ("linear = 40", "linear = 0")),
+    Throttle("vbat_sag_compensation = 100", "set vbat_sag_compensation = 100\n"),
+)
+_LOADS = 0.5, 1.0, 2.0, 3.0  # weights of the drone
+_HELD = 300  # steps, of each load
 SECTIONS = "steps", "laps", "throttle", "pixels"
 
 
@@ -85,10 +107,7 @@ def measure(args) -> dict:
                 {"set": name} | lap(sources[name], _LAPS + _ROTOR, laps) for name in names
             ]
         if "throttle" in args.only:
-            figures["throttle"] = [
-                {"set": name} | lap(*_throttle(Path(scratch), name), laps=laps)
-                for name in _THROTTLES
-            ]
+            figures["throttle"] = throttles()
     if "pixels" in args.only:
         figures["pixels"] = [
             {"flight controller": name} | race(f"{{laps: 1, flight_controller: {name}}}")
@@ -98,18 +117,40 @@ def measure(args) -> dict:
     return figures
 
 
-def _throttle(folder: Path, name: str) -> tuple[Path, str]:
-    """Returns settings, and fields of a scenario, of one of _THROTTLES."""
-    line, heard = _THROTTLES[name]
-    drone = folder / f"drone_{len(heard)}"
-    if not drone.exists():
-        shutil.copytree(models_path() / "default", drone)
-        battery = f"battery: {{{_BATTERY}, {heard}}}\n" if heard else ""
-        with (drone / "vehicle.yaml").open("a") as file:
-            file.write(battery)
-    source = folder / f"{name.replace(' ', '_')}.txt"
-    source.write_text(_shipped() + line, encoding="utf-8")
-    return source, f"{_LAPS} drone: {drone}, "
+def throttles() -> list[dict]:
+    """Returns what share of some commanded thrusts rotors give, of a drone that is held."""
+    firmware, (vehicle, _) = find_firmware(), load_vehicle("Default")
+    rows = []
+    for changes, cases in itertools.groupby(_THROTTLES, lambda case: case.changes):
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "team.txt"
+            source.write_text(_shipped() + changes, encoding="utf-8")
+            dump, _ = configure(firmware, source, Path(folder))
+            true = Sticks(dump, vehicle)
+            with contextlib.closing(start_armed(firmware, Path(folder), true)) as process:
+                for case in cases:
+                    known = dump.replace(*case.known) if case.known else dump
+                    held = functools.partial(
+                        _given, process, Sticks(known, vehicle), vehicle, case.battery
+                    )
+                    rows.append({"set": case.name} | {f"{load:g}": held(load) for load in _LOADS})
+    return rows
+
+
+def _given(process, sticks, vehicle, battery, load) -> float:
+    """Returns the given share of a thrust. Args: load: the thrust, in weights of the drone."""
+    wanted = load * vehicle.mass * GRAVITY
+    pack = Pack(battery, vehicle) if battery else None
+    speeds, thrusts = np.zeros(sticks.rotors), []
+    for _ in range(_HELD):
+        supply = pack.supply if pack else 1.0
+        heard = supply if battery and battery.heard else 1.0
+        outputs = process.step(sticks.channels(np.array((wanted, 0.0, 0.0, 0.0)), heard))
+        speeds = sticks.rotor_speeds(outputs, supply)
+        if pack:
+            pack.step(speeds, PERIOD)
+        thrusts.append(vehicle.thrust_coefficients @ speeds**2)
+    return float(np.mean(thrusts[_HELD // 2 :])) / wanted
 
 
 def _source(folder: Path, name: str) -> Path:
@@ -185,11 +226,7 @@ def show(figures: dict) -> tuple[list, bool]:
         }
         rows = [row | {t: 1e3 * row[t] for t in ("t63", "t90")} for row in figures["steps"]]
         tables.append(make_table("Steps of the rates", rows, columns))
-    titles = {
-        "laps": "Laps within the limits of the rotors",
-        "throttle": "Laps within the original limits",
-        "pixels": "Races from pixels",
-    }
+    titles = {"laps": "Laps within the limits of the rotors", "pixels": "Races from pixels"}
     for section in (each for each in titles if each in figures):
         first = "flight controller" if section == "pixels" else "set"
         columns = {
@@ -202,6 +239,12 @@ def show(figures: dict) -> tuple[list, bool]:
         }
         rows = [row | {x: 1e2 * row[x] for x in ("rms", "worst")} for row in figures[section]]
         tables.append(make_table(titles[section], rows, columns))
+    if "throttle" in figures:
+        columns = {"settings": "{set}"} | {f"at {w:g} x weight": f"{{{w:g}}}" for w in _LOADS}
+        rows = [
+            row | {f"{w:g}": f"{row[f'{w:g}']:.1%}" for w in _LOADS} for row in figures["throttle"]
+        ]
+        tables.append(make_table("Thrust, of what is commanded", rows, columns))
     if "pixels" in figures:
         times = [row["real_time"] for row in figures["pixels"]]
         ratio = np.mean(times[1::2]) / np.mean(times[::2])

@@ -25,6 +25,7 @@ _STEP = np.dtype([("sensors", "<f8", 18), ("channels", "<u2", CHANNELS)])
 _MOTORS = np.dtype([("count", "<u2"), ("unused", "<u2"), ("outputs", "<f4", 16)])
 _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
+_AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
 _LIBRARY = "lockstep.so"  # in the folder of the process
 _WARM_UP, _TIMED = 500, 2000  # steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
@@ -59,7 +60,7 @@ class FirmwareProcess:
         """
         self.problem: str | None = None
         self.port: int | None = None
-        self._waiting = True  # for what its motors get
+        self._answers = 1  # that are to come: at first, of its start
         self._motors = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
         self._sensors, self._channels = self._step["sensors"], self._step["channels"]
@@ -120,14 +121,14 @@ class FirmwareProcess:
             self._channels[:] = channels
             with contextlib.suppress(OSError):  # end_step() says what is wrong
                 self._socket.send(self._step)
-            self._waiting = True
+            self._answers += 1
 
     def end_step(self) -> np.ndarray:
         """Returns what the motors get at the end of the step, 1000 to 2000, (16,); 0 if nothing.
 
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
-        while self._waiting and self.problem is None:
+        while self._answers and self.problem is None:
             message = b""
             try:
                 message = self._socket.recv(4096)
@@ -142,7 +143,7 @@ class FirmwareProcess:
                 (self.port,) = _PORT.unpack(message)
             else:
                 self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
-                self._waiting = False
+                self._answers -= 1
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 
     def step(self, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
@@ -153,6 +154,21 @@ class FirmwareProcess:
         self.end_step()
         self.begin_step(imu, channels)
         return self.end_step()
+
+    def hold(self, duration: float, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
+        """Lets the firmware run for a time (s) in which nothing changes, as step() would.
+
+        It is told of many steps at once, so that it need not wait for this process at each.
+
+        Returns: see end_step().
+        """
+        self.end_step()
+        steps = round(duration / PERIOD)
+        for begin in range(0, steps, _AT_ONCE):
+            for _ in range(min(_AT_ONCE, steps - begin)):
+                self.begin_step(imu, channels)
+            self.end_step()
+        return self._motors if self.problem is None else np.zeros(CHANNELS)
 
 
 def steps_a_second(firmware: Firmware) -> float:

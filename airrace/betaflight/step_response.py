@@ -18,7 +18,7 @@ from airrace.vehicle import GRAVITY, Vehicle, find_vehicle, load_vehicle
 from airrace.vehicle.rotors import make_rotor_dynamics, next_speed
 
 AXES = "roll", "pitch", "yaw"
-_BOOT = 500, 5500, 500  # steps without a radio, with it, and armed
+_BOOT = 0.5, 5.5, 0.5  # s, without a radio, with it, and armed
 _SETTLING = 0.2  # s, before the step, in which the rotors come to their speeds
 _SHARES = 0.63, 0.9
 
@@ -81,17 +81,20 @@ def fly_step(
         write_text(source, f"{shipped}\n{changes}\n")
         dump, _ = configure(firmware, source, folder)
         sticks = Sticks(dump, vehicle)
-        with contextlib.closing(_armed(firmware, folder, sticks)) as process:
+        with contextlib.closing(start_armed(firmware, folder, sticks)) as process:
             step = axis, size, duration
             return _fly(process, sticks, vehicle, step, lambda: rng.normal(0.0, noise))
 
 
-def _armed(firmware: Firmware, folder: Path, sticks: Sticks) -> FirmwareProcess:
+def start_armed(firmware: Firmware, folder: Path, sticks: Sticks) -> FirmwareProcess:
+    """Starts a firmware whose settings are in a folder, and arms it.
+
+    Args: sticks: of the settings.
+    """
     process = FirmwareProcess(firmware, folder)
     boot = NO_RADIO, sticks.at_rest(armed=False), sticks.at_rest(armed=True)
-    for number, channels in zip(_BOOT, boot):
-        for _ in range(number):
-            process.step(channels)
+    for duration, channels in zip(_BOOT, boot):
+        process.hold(duration, channels)
     return process
 
 

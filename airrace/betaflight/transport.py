@@ -187,8 +187,7 @@ class BetaflightTransport(Transport):
             (_ARMING, sticks.at_rest(armed=True)),
             (_TRY, small),
         ):
-            for _ in range(round(duration / PERIOD)):
-                outputs = process.step(channels, self._rest)
+            outputs = process.hold(duration, channels, self._rest)
         if process.problem is not None:
             raise UserError(f"{process.problem}, before it was armed.")
         if not sticks.rotor_speeds(outputs).all():
@@ -197,8 +196,7 @@ class BetaflightTransport(Transport):
             )
         # Its clock has begun with its first step, so its log can be put beside the race's.
         left = RACE_BEGINS - (_BOOT + _CALIBRATION + _ARMING + _TRY)
-        for _ in range(round(left / PERIOD)):
-            process.step(sticks.at_rest(armed=True), self._rest)
+        process.hold(left, sticks.at_rest(armed=True), self._rest)
         if simulator.get_target_realtime_rate() > 0.0:
             self._note(f"Betaflight's MSP and command line are at tcp://127.0.0.1:{process.port}")
 
@@ -215,8 +213,7 @@ class BetaflightTransport(Transport):
 
     def end(self, simulator: "Simulator") -> None:
         """Disarms."""
-        for _ in range(round(_DISARMING / PERIOD)):
-            self._process.step(self._sticks.at_rest(armed=False), self._rest)
+        self._process.hold(_DISARMING, self._sticks.at_rest(armed=False), self._rest)
 
 
 def _acted(failure: RadioFailure, status: "RefereeStatus") -> bool:

@@ -19,7 +19,7 @@ from airrace.betaflight.settings import configure
 from airrace.common.errors import UserError
 
 HOVER = np.array((9.81, 0.0, 0.0, 0.0))
-BOOT = 6000  # steps, in which it calibrates
+BOOT = 6.0  # s, in which it calibrates
 SETTINGS = "set serial_update_rate_hz = 2000\nset blackbox_device = NONE\nset failsafe_delay = 2\n"
 
 
@@ -34,8 +34,7 @@ class SerialBoard:
 
     def __init__(self, process, dump):
         self.dump, self._process = dump, process
-        for _ in range(BOOT):
-            process.step(NO_RADIO)
+        process.hold(BOOT, NO_RADIO)
         self.motors = np.full(4, 1000.0)
         self._ours, self._theirs = pty.openpty()
         tty.setraw(self._theirs)

@@ -121,7 +121,7 @@ def test_who_has_no_settings_is_told():
 def test_eight_rotors_take_off(firmware, tmp_path):
     result, _, samples = fly(tmp_path / "a", BRIEF + "drone: StarOne\n")
     assert result["exploration"]["success"]
-    assert samples[-1][3] == pytest.approx(5.0, abs=0.1)
+    assert samples[-1][3] == pytest.approx(5.0, abs=0.3)  # it stands higher than the Default
 
 
 @pytest.mark.repeats

@@ -133,8 +133,12 @@ def throttles() -> list[dict]:
                     held = functools.partial(
                         _given, process, Sticks(known, vehicle), vehicle, case.battery
                     )
-                    rows.append({"set": case.name} | {f"{load:g}": held(load) for load in _LOADS})
+                    rows.append({"set": case.name} | {_key(load): held(load) for load in _LOADS})
     return rows
+
+
+def _key(load: float) -> str:
+    return f"w{100 * load:.0f}"
 
 
 def _given(process, sticks, vehicle, battery, load) -> float:
@@ -240,11 +244,9 @@ def show(figures: dict) -> tuple[list, bool]:
         rows = [row | {x: 1e2 * row[x] for x in ("rms", "worst")} for row in figures[section]]
         tables.append(make_table(titles[section], rows, columns))
     if "throttle" in figures:
-        columns = {"settings": "{set}"} | {f"at {w:g} x weight": f"{{{w:g}}}" for w in _LOADS}
-        rows = [
-            row | {f"{w:g}": f"{row[f'{w:g}']:.1%}" for w in _LOADS} for row in figures["throttle"]
-        ]
-        tables.append(make_table("Thrust, of what is commanded", rows, columns))
+        columns = {"settings": "{set}"}
+        columns |= {f"at {load:g} x weight": f"{{{_key(load)}:.1%}}" for load in _LOADS}
+        tables.append(make_table("Thrust, of what is commanded", figures["throttle"], columns))
     if "pixels" in figures:
         times = [row["real_time"] for row in figures["pixels"]]
         ratio = np.mean(times[1::2]) / np.mean(times[::2])

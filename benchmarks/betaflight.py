@@ -1,29 +1,38 @@
-"""How well Betaflight flies: steps of its rates, and laps, for five sets of its settings.
+"""How well Betaflight flies, and how fast: rates, laps, throttles and pixels.
 
-    python -m benchmarks.betaflight [--quick] [--only steps laps] [--json FILE]
+    python -m benchmarks.betaflight [--quick] [--only steps laps throttle pixels] [--json FILE]
 
 A step is of 3 rad/s, or 1 rad/s of yaw, of a free body with the drone's inertia and rotors, at the
 thrust of a hover. Laps are flown on the known map of student-airrace, with the IMU's noise, within
-the limits of the rotors. It takes what `airrace betaflight build` builds.
+the limits of the rotors, by five sets of settings. Held on a table, how much of a thrust there is
+with what bends the way to it: thrust_linear, and a battery. Races from pixels are flown by turns
+with the controller that drives the motors itself, and with Betaflight: the ratio of their times is
+of one computer, at one time. It takes what `airrace betaflight build` builds.
 """
 
 import contextlib
+import dataclasses as dc
+import functools
+import itertools
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import airrace
 from airrace.betaflight.firmware import find_firmware
-from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, FirmwareProcess
+from airrace.betaflight.firmware_process import PERIOD
 from airrace.betaflight.settings import configure
+from airrace.betaflight.step_response import fly_step, start_armed
 from airrace.betaflight.sticks import Sticks
 from airrace.betaflight.transport import find_settings, join_betaflight
+from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.race import run_race
 from airrace.scenario import load_scenario
 from airrace.vehicle import GRAVITY, load_vehicle
-from airrace.vehicle.rotors import make_rotor_dynamics, next_speed
+from airrace.vehicle.battery import Battery, Pack
 from benchmarks import harness
 from benchmarks.harness import make_table
 
@@ -40,13 +49,33 @@ SETS = {
     ),
 }
 _STEPS = {"roll": 3.0, "yaw": 1.0}  # rad/s: about z, rotors have little moment
-_DURATION = 0.6  # s, of a step
-_BOOT = 500, 5500, 500  # steps without a radio, with it, and armed
-_SHARES = 0.63, 0.9
-_LAPS = (
-    "{flight_controller: betaflight, map: track, camera: {renderer: none},"
-    " planner: {limits: rotor}, recording: {content: light}, "
+_LAPS = "{map: track, camera: {renderer: none}, recording: {content: light}, "
+_ROTOR = "planner: {limits: rotor}, "
+# Of a drone whose rotors take 14 W in a hover, and 89 W at most: a tenth of the voltage is lost.
+_BATTERY = Battery(full=12.6, empty=10.5, capacity=0.35, resistance=0.18, efficiency=0.35)
+_LINEAR = "set thrust_linear = 40\n"
+
+
+class Throttle(NamedTuple):
+    """A way from a throttle to thrust."""
+
+    name: str
+    changes: str = ""  # lines of the settings
+    known: tuple[str, str] | None = None  # what the sticks take for what, in the settings
+    battery: Battery | None = None
+
+
+_THROTTLES = (
+    Throttle("shipped"),
+    Throttle("a battery that sags", battery=_BATTERY),
+    Throttle("and nobody hears of it", battery=dc.replace(_BATTERY, heard=False)),
+    Throttle("thrust_linear = 40", _LINEAR),
+    Throttle("and the sticks do not know", _LINEAR, ("linear = 40", "linear = 0")),
+    Throttle("vbat_sag_compensation = 100", "set vbat_sag_compensation = 100\n"),
 )
+_LOADS = 0.5, 1.0, 2.0, 3.0  # weights of the drone
+_HELD = 300  # steps, of each load
+SECTIONS = "steps", "laps", "throttle", "pixels"
 
 
 def main(argv=None) -> int:
@@ -56,8 +85,8 @@ def main(argv=None) -> int:
     parser.add_argument(
         "--only",
         nargs="+",
-        choices=["steps", "laps"],
-        default=["steps", "laps"],
+        choices=SECTIONS,
+        default=SECTIONS,
         help="these sections (default: all)",
     )
     return harness.run(parser, argv, measure, show)
@@ -66,84 +95,102 @@ def main(argv=None) -> int:
 def measure(args) -> dict:
     """Returns the rows of every section."""
     names = list(SETS)[:1] if args.quick else list(SETS)
-    figures = {}
+    figures, laps = {}, 1 if args.quick else 3
     with tempfile.TemporaryDirectory() as scratch:
         sources = {name: _source(Path(scratch), name) for name in names}
         if "steps" in args.only:
             figures["steps"] = [
-                {"set": name, "axis": axis} | step_response(sources[name], axis)
-                for name in names
-                for axis in _STEPS
+                {"set": name, "axis": axis} | step(name, axis) for name in names for axis in _STEPS
             ]
         if "laps" in args.only:
             figures["laps"] = [
-                {"set": name} | lap(sources[name], 1 if args.quick else 3) for name in names
+                {"set": name} | lap(sources[name], _LAPS + _ROTOR, laps) for name in names
             ]
+        if "throttle" in args.only:
+            figures["throttle"] = throttles()
+    if "pixels" in args.only:
+        figures["pixels"] = [
+            {"flight controller": name} | race(f"{{laps: 1, flight_controller: {name}}}")
+            for _ in range(laps)
+            for name in ("internal", "betaflight")
+        ]
     return figures
 
 
+def throttles() -> list[dict]:
+    """Returns what share of some commanded thrusts rotors give, of a drone that is held."""
+    firmware, (vehicle, _) = find_firmware(), load_vehicle("Default")
+    rows = []
+    for changes, cases in itertools.groupby(_THROTTLES, lambda case: case.changes):
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "team.txt"
+            source.write_text(_shipped() + changes, encoding="utf-8")
+            dump, _ = configure(firmware, source, Path(folder))
+            true = Sticks(dump, vehicle)
+            with contextlib.closing(start_armed(firmware, Path(folder), true)) as process:
+                for case in cases:
+                    known = dump.replace(*case.known) if case.known else dump
+                    held = functools.partial(
+                        _given, process, Sticks(known, vehicle), vehicle, case.battery
+                    )
+                    rows.append({"set": case.name} | {_key(load): held(load) for load in _LOADS})
+    return rows
+
+
+def _key(load: float) -> str:
+    return f"w{100 * load:.0f}"
+
+
+def _given(process, sticks, vehicle, battery, load) -> float:
+    """Returns the given share of a thrust. Args: load: the thrust, in weights of the drone."""
+    wanted = load * vehicle.mass * GRAVITY
+    pack = Pack(battery, vehicle) if battery else None
+    speeds, thrusts = np.zeros(sticks.rotors), []
+    for _ in range(_HELD):
+        supply = pack.supply if pack else 1.0
+        heard = supply if battery and battery.heard else 1.0
+        outputs = process.step(sticks.channels(np.array((wanted, 0.0, 0.0, 0.0)), heard))
+        speeds = sticks.rotor_speeds(outputs, supply)
+        if pack:
+            pack.step(speeds, PERIOD)
+        thrusts.append(vehicle.thrust_coefficients @ speeds**2)
+    return float(np.mean(thrusts[_HELD // 2 :])) / wanted
+
+
 def _source(folder: Path, name: str) -> Path:
-    shipped = find_settings(load_scenario()).read_text(encoding="utf-8")
     path = folder / f"{name.replace(' ', '_')}.txt"
-    path.write_text(shipped + SETS[name], encoding="utf-8")
+    path.write_text(_shipped() + SETS[name], encoding="utf-8")
     return path
 
 
-def step_response(source: Path, axis: str) -> dict:
+def _shipped() -> str:
+    return find_settings(load_scenario()).read_text(encoding="utf-8")
+
+
+def step(name: str, axis: str) -> dict:
     """Returns the times to 63 % and 90 % of a step (s), and its overshoot, as a share."""
-    firmware, (vehicle, _) = find_firmware(), load_vehicle("Default")
-    with tempfile.TemporaryDirectory() as folder:
-        dump, _ = configure(firmware, source, Path(folder))
-        sticks = Sticks(dump, vehicle)
-        with contextlib.closing(FirmwareProcess(firmware, Path(folder))) as process:
-            boot = NO_RADIO, sticks.at_rest(armed=False), sticks.at_rest(armed=True)
-            for number, channels in zip(_BOOT, boot):
-                for _ in range(number):
-                    process.step(channels)
-            wanted = np.zeros(3)
-            wanted[("roll", "pitch", "yaw").index(axis)] = _STEPS[axis]
-            rates = fly_step(process, sticks, vehicle, wanted)
-    shares = rates @ wanted / (wanted @ wanted)
-    reached = [float(np.argmax(shares >= share)) * PERIOD for share in _SHARES]
-    t63, t90 = (t if t > 0.0 else np.inf for t in reached)
-    return {"t63": t63, "t90": t90, "overshoot": max(0.0, float(shares.max()) - 1.0)}
+    flown = fly_step(SETS[name], axis=axis, size=_STEPS[axis])
+    t63, t90 = flown.rise_times
+    return {"t63": t63, "t90": t90, "overshoot": flown.overshoot}
 
 
-def fly_step(process: FirmwareProcess, sticks: Sticks, vehicle, wanted) -> np.ndarray:
-    """Returns the rates (rad/s) of a free body in each millisecond of a step, (n, 3).
-
-    Args: process: armed. sticks: of its settings. vehicle: its body. wanted: rates, (3,).
-    """
-    rotors, inertia = make_rotor_dynamics(vehicle, PERIOD), np.array(vehicle.inertia)
-    hover = vehicle.mass * GRAVITY
-    speeds = np.sqrt(hover / len(vehicle.rotors) / vehicle.thrust_coefficients)
-    w, rates = np.zeros(3), []
-    command = np.array((hover, 0.0, 0.0, 0.0))
-    settle = round(0.2 / PERIOD)  # the motors start
-    for i in range(settle + round(_DURATION / PERIOD)):
-        command[1:] = wanted * (i >= settle)
-        thrusts = vehicle.thrust_coefficients * np.square(speeds)
-        f, *moment = vehicle.allocation @ thrusts
-        imu = np.array((*w, 0.0, 0.0, f / vehicle.mass))
-        targets = sticks.rotor_speeds(process.step(sticks.channels(command), imu))
-        w = w + PERIOD * (np.array(moment) - np.cross(w, inertia * w)) / inertia
-        speeds = np.array(
-            [
-                next_speed(speed, each, most, rotors.step_share)
-                for speed, each, most in zip(speeds, targets, rotors.max_speeds)
-            ]
-        )
-        rates.append(w)
-    return np.array(rates[settle:])
+def lap(source: Path, fields: str, laps: int) -> dict:
+    """Returns how laps went with some settings; see race(). Args: fields: of the scenario."""
+    return race(
+        f"{fields} laps: {laps}, flight_controller: betaflight, betaflight_config: {source}}}"
+    )
 
 
-def lap(source: Path, laps: int) -> dict:
-    """Returns how laps went, how well they were tracked (m), and how fast the race was."""
-    scenario = load_scenario(scenario_text=f"{_LAPS} laps: {laps}, betaflight_config: {source}}}")
+def race(text: str) -> dict:
+    """Returns how the laps of a scenario's race were tracked (m), and how fast that was."""
+    scenario = load_scenario(scenario_text=text)
     scenario.check()
-    with tempfile.TemporaryDirectory() as folder:
-        with join_betaflight(scenario, Path(folder), lambda line: None) as transport:
-            result = run_race(scenario, Path(folder), transport=transport)
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        transport = InProcess()
+        if scenario.flight_controller != "internal":
+            join = join_betaflight(scenario, Path(folder), lambda line: None)
+            transport = stack.enter_context(join)
+        result = run_race(scenario, Path(folder), transport=transport)
         errors = tracking_errors(airrace.load_run(folder), result["laps"])
     times = [each["time_s"] for each in result["laps"]]
     return {
@@ -183,17 +230,27 @@ def show(figures: dict) -> tuple[list, bool]:
         }
         rows = [row | {t: 1e3 * row[t] for t in ("t63", "t90")} for row in figures["steps"]]
         tables.append(make_table("Steps of the rates", rows, columns))
-    if "laps" in figures:
+    titles = {"laps": "Laps within the limits of the rotors", "pixels": "Races from pixels"}
+    for section in (each for each in titles if each in figures):
+        first = "flight controller" if section == "pixels" else "set"
         columns = {
-            "settings": "{set}",
+            first: f"{{{first}}}",
             "laps": "{flown}",
             "mean lap (s)": "{mean_lap:.2f}",
             "RMS (cm)": "{rms:.1f}",
             "worst (cm)": "{worst:.1f}",
             "x real time": "{real_time:.1f}",
         }
-        rows = [row | {x: 1e2 * row[x] for x in ("rms", "worst")} for row in figures["laps"]]
-        tables.append(make_table("Laps within the limits of the rotors", rows, columns))
+        rows = [row | {x: 1e2 * row[x] for x in ("rms", "worst")} for row in figures[section]]
+        tables.append(make_table(titles[section], rows, columns))
+    if "throttle" in figures:
+        columns = {"settings": "{set}"}
+        columns |= {f"at {load:g} x weight": f"{{{_key(load)}:.1%}}" for load in _LOADS}
+        tables.append(make_table("Thrust, of what is commanded", figures["throttle"], columns))
+    if "pixels" in figures:
+        times = [row["real_time"] for row in figures["pixels"]]
+        ratio = np.mean(times[1::2]) / np.mean(times[::2])
+        tables.append(f"With Betaflight it is {ratio:.2f} times as fast as without.")
     return tables, all(row["finished"] for row in figures.get("laps", ())[:1])
 
 

@@ -44,7 +44,7 @@ def make_course_report(folder: Path) -> str:
 
     Raises UserError if it was not recorded, or something of it cannot be read.
     """
-    from airrace.analysis.figure_style import Paper, inline_pictures
+    from airrace.analysis.figure_style import Sheet, inline_pictures
 
     result = read_course_json(folder / "race.json")
     log = folder / LOG
@@ -57,8 +57,8 @@ def make_course_report(folder: Path) -> str:
     gates = passages(track, path, result["gates_passed"])
     title = "The course from above and from the side"
 
-    def draw(paper: Paper) -> "Figure":
-        return course_figure(track, path, gates, paper.width)
+    def draw(sheet: Sheet) -> "Figure":
+        return course_figure(track, path, gates, sheet.width)
 
     return page_template("airrace.analysis", _PAGE).render(
         result=result,

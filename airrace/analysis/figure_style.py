@@ -63,7 +63,7 @@ RMS = dict(label="RMS", color=INK, marker="o", ms=4, lw=1.2)
 _TIP = "tip:"
 
 
-class Paper(NamedTuple):
+class Sheet(NamedTuple):
     """What a picture is drawn on."""
 
     name: str  #: of its class in the style sheet
@@ -71,7 +71,7 @@ class Paper(NamedTuple):
     is_wide: bool  #: whether panels have room side by side
 
 
-DESK, PHONE = Paper("desk", 9.0, True), Paper("phone", 4.2, False)
+DESK, PHONE = Sheet("desk", 9.0, True), Sheet("phone", 4.2, False)
 
 
 def make_figure(width: float, height: float, **options: Any) -> Figure:
@@ -79,28 +79,28 @@ def make_figure(width: float, height: float, **options: Any) -> Figure:
     return Figure(figsize=(width, height), layout="constrained", **options)
 
 
-def height_from_above(paper: Paper, places: np.ndarray) -> float:
+def height_from_above(sheet: Sheet, places: np.ndarray) -> float:
     """Returns how high a picture of places (n, 2) from above is (inches)."""
-    if paper.is_wide:
+    if sheet.is_wide:
         return 7.2
     across, along = np.ptp(places, axis=0)
-    return 1.7 + min(0.9 * along / across, 1.5) * paper.width  # beside it, what is around it
+    return 1.7 + min(0.9 * along / across, 1.5) * sheet.width  # beside it, what is around it
 
 
 def make_pair(
-    paper: Paper, widths: tuple[float, float], heights: tuple[float, float]
+    sheet: Sheet, widths: tuple[float, float], heights: tuple[float, float]
 ) -> tuple[Figure, Any, Any]:
     """Returns a figure and its two panels: side by side, or on a phone one below the other.
 
     Args:
-        paper: of the figure.
+        sheet: of the figure.
         widths: of the panels side by side, shares.
         heights: of the panels one below the other (inches); of both side by side, the greater.
     """
-    if paper.is_wide:
-        figure = make_figure(paper.width, max(heights))
+    if sheet.is_wide:
+        figure = make_figure(sheet.width, max(heights))
         return figure, *figure.subplots(1, 2, width_ratios=widths)
-    figure = make_figure(paper.width, sum(heights))
+    figure = make_figure(sheet.width, sum(heights))
     return figure, *figure.subplots(2, 1, height_ratios=heights)
 
 
@@ -140,12 +140,12 @@ def add_colorbar(
     bar.solids.set_edgecolor("face")  # no hairlines between its colours
 
 
-def inline_pictures(draw: Callable[[Paper], Figure], name: str) -> dict[str, str]:
-    """Returns a picture as <svg> elements for a page, one for each paper, by the papers' names.
+def inline_pictures(draw: Callable[[Sheet], Figure], name: str) -> dict[str, str]:
+    """Returns a picture as <svg> elements for a page, one for each sheet, by the sheets' names.
 
     Args: draw: makes its figure. name: unlike any other picture's of the page.
     """
-    return {paper.name: inline_svg(draw(paper), f"{name}, {paper.name}") for paper in (DESK, PHONE)}
+    return {sheet.name: inline_svg(draw(sheet), f"{name}, {sheet.name}") for sheet in (DESK, PHONE)}
 
 
 def inline_svg(figure: Figure, name: str) -> str:

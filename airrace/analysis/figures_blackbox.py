@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from airrace.analysis.blackbox import FILE, RACE_BEGINS, read_blackbox
-from airrace.analysis.figure_style import DESK, INK, MUTED, Paper, add_legend, make_figure
+from airrace.analysis.figure_style import DESK, INK, MUTED, Sheet, add_legend, make_figure
 from airrace.common.colors import BEST
 
 if TYPE_CHECKING:
@@ -52,16 +52,16 @@ def _columns(axis: int) -> tuple[str, str, str]:
     return "time", f"setpoint[{axis}]", f"gyroADC[{axis}]"
 
 
-def rates_figure(run: "Run", log: pd.DataFrame, paper: Paper = DESK) -> "Figure":
+def rates_figure(run: "Run", log: pd.DataFrame, sheet: Sheet = DESK) -> "Figure":
     """Returns rates that were wanted, measured and true, and the motors, where they change most.
 
-    Args: run: that was flown. log: of read_log(). paper: of the figure.
+    Args: run: that was flown. log: of read_log(). sheet: of the figure.
     """
     time = log["time"].to_numpy()
     begin = _busiest(time, log[[f"setpoint[{axis}]" for axis in range(3)]].to_numpy())
     shown = log[(log["time"] >= begin) & (log["time"] <= begin + _WINDOW)]
     true = _true_rates(run)
-    figure = make_figure(paper.width, 7)
+    figure = make_figure(sheet.width, 7)
     plots = figure.subplots(4, 1, sharex=True)
     for axis, (name, plot) in enumerate(zip(_AXES, plots)):
         _, wanted, had = _columns(axis)

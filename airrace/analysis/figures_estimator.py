@@ -11,7 +11,7 @@ from airrace.analysis.figure_style import (
     INK,
     MUTED,
     SHADE,
-    Paper,
+    Sheet,
     add_legend,
     add_tip,
     make_figure,
@@ -57,11 +57,11 @@ def error_statistics(run: "Run") -> dict[str, float]:
     }
 
 
-def errors_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def errors_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the errors of attitude, position and velocity, with three standard deviations."""
     rows = _airborne(run)
-    lines, columns = (len(_ERRORS), 3) if paper.is_wide else (3 * len(_ERRORS), 1)
-    figure = make_figure(paper.width, 0.8 + 1.6 * lines)
+    lines, columns = (len(_ERRORS), 3) if sheet.is_wide else (3 * len(_ERRORS), 1)
+    figure = make_figure(sheet.width, 0.8 + 1.6 * lines)
     grid = figure.subplots(lines, columns, sharex=True).reshape(len(_ERRORS), 3)
     for (name, unit, scale), line in zip(_ERRORS, grid):
         for axis, axes in zip("xyz", line):
@@ -81,20 +81,20 @@ def errors_figure(run: "Run", paper: Paper = DESK) -> "Figure":
             )
             _mark_laps(axes, run)
             _limit(axes, np.maximum(np.abs(error), bound))
-        for axes in line[: 1 if paper.is_wide else 3]:
+        for axes in line[: 1 if sheet.is_wide else 3]:
             axes.set_ylabel(f"{name} ({unit})")
-    for axes in grid[-1, 0 if paper.is_wide else 2 :]:
+    for axes in grid[-1, 0 if sheet.is_wide else 2 :]:
         axes.set_xlabel("time (s)")
     add_legend(figure, grid[0][0], "outside lower left")
     return figure
 
 
-def certainty_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def certainty_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns NEES, innovations, gaps without markers, and biases."""
     rows = _airborne(run)
-    figure = make_figure(paper.width, 5.0 if paper.is_wide else 11.0)
+    figure = make_figure(sheet.width, 5.0 if sheet.is_wide else 11.0)
     # On a desk two rows, of which the first has a wide panel; on a phone, all of one width.
-    layout = ("aaaabb", "ccddee") if paper.is_wide else "abcde"
+    layout = ("aaaabb", "ccddee") if sheet.is_wide else "abcde"
     panels = figure.subplot_mosaic("\n".join(layout))
     nees, innovations, gaps, *biases = (panels[name] for name in "abcde")
     at = _greatest(rows["nees"])

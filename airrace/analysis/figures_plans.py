@@ -13,7 +13,7 @@ from airrace.analysis.figure_style import (
     INK,
     MUTED,
     SHADE,
-    Paper,
+    Sheet,
     add_legend,
     height_from_above,
     make_figure,
@@ -61,9 +61,9 @@ def flat_outputs(samples: pd.DataFrame) -> np.ndarray:
     return np.vstack(Reference(*parts))
 
 
-def plans_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def plans_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the last plan from above with its body axes, and all before it in orange."""
-    figure = make_figure(paper.width, height_from_above(paper, run.track.pylons()[:, :2]))
+    figure = make_figure(sheet.width, height_from_above(sheet, run.track.pylons()[:, :2]))
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     draw_gates(axes, run.track, INK, SHADE)
     *earlier, newest = planned_laps(run).values()
@@ -73,7 +73,7 @@ def plans_figure(run: "Run", paper: Paper = DESK) -> "Figure":
     axes.plot(*_closed(newest), color=MUTED, lw=1.0, label="the last plan", zorder=4)
     position, x_axes, z_axes = body_frames(flat_outputs(newest))
     # Of the picture's width.
-    line = 0.0144 / paper.width
+    line = 0.0144 / sheet.width
     arrows: dict[str, Any] = dict(angles="xy", scale_units="xy", width=line)
     axes.quiver(
         *position[:2],

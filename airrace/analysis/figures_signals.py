@@ -14,7 +14,7 @@ from airrace.analysis.figure_style import (
     SHADE,
     SHADES,
     WORST,
-    Paper,
+    Sheet,
     add_legend,
     make_pair,
 )
@@ -42,18 +42,18 @@ def map_by_gate(run: "Run") -> pd.DataFrame:
     return (map_by_lap(run) ** 2).groupby(lambda marker: marker // 4 + 1).mean() ** 0.5
 
 
-def map_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def map_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the error of the map after the exploration and each lap: of all, and by gate."""
     errors, by_gate = 100 * map_by_lap(run), 100 * map_by_gate(run)
     laps, gates = errors.columns, by_gate.index
     height = 1.4 + 0.24 * max(len(gates), 6)
-    figure, left, right = make_pair(paper, (1.0, 2.4), (2.2, height))
+    figure, left, right = make_pair(sheet, (1.0, 2.4), (2.2, height))
     left.set(xlabel="after lap (0: exploring)", ylabel="front markers' error (cm)")
     front = errors[errors.index % 2 == 0]
     if len(front):
         left.plot(laps, front.max(), **WORST)
         left.plot(laps, np.sqrt((front**2).mean()), **RMS)
-        add_legend(figure, left, f"outside {'lower' if paper.is_wide else 'upper'} left")
+        add_legend(figure, left, f"outside {'lower' if sheet.is_wide else 'upper'} left")
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     right.set(xlabel="after lap", ylabel="gate", title="RMS of each gate's markers (cm)")
@@ -65,7 +65,7 @@ def map_figure(run: "Run", paper: Paper = DESK) -> "Figure":
         right.set_yticks(gates)
         right.invert_yaxis()
         decimals = 1 if np.nanmax(by_gate.to_numpy()) >= 1.0 else 2
-        if len(laps) <= _NUMBERS[not paper.is_wide]:
+        if len(laps) <= _NUMBERS[not sheet.is_wide]:
             for lap, column in by_gate.items():
                 for gate, error in column.dropna().items():
                     right.text(
@@ -75,10 +75,10 @@ def map_figure(run: "Run", paper: Paper = DESK) -> "Figure":
     return figure
 
 
-def tracking_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def tracking_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns how far the drone was from its reference, over time and lap by lap."""
     time, lap, off = run.tracking["time"], run.tracking["lap"], 100 * run.tracking["distance"]
-    figure, left, right = make_pair(paper, (2.4, 1.0), (3.0, 2.2))
+    figure, left, right = make_pair(sheet, (2.4, 1.0), (3.0, 2.2))
     left.set(xlabel="time (s)", ylabel="off the reference (cm)", yscale="log")
     bins = np.arange(len(time)) * min(_BINS, len(time)) // len(time)
     worst = off.groupby(bins).max().clip(lower=0.01)
@@ -108,10 +108,10 @@ def rotor_usage(run: "Run") -> list:
     ]
 
 
-def rotors_figure(run: "Run", paper: Paper = DESK) -> "Figure":
+def rotors_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns how much of its thrust each rotor used."""
     usage = [100 * share for share in rotor_usage(run)]
-    figure, left, right = make_pair(paper, (1.0, 1.4), (3.0, 2.6))
+    figure, left, right = make_pair(sheet, (1.0, 1.4), (3.0, 2.6))
     left.boxplot(
         usage,
         whis=(1, 99),

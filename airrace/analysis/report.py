@@ -21,7 +21,7 @@ from airrace.scenario import trajectory_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from airrace.analysis.figure_style import Paper
+    from airrace.analysis.figure_style import Sheet
 
 FILE = "report.html"
 # Topics that it says nothing of.
@@ -103,9 +103,9 @@ def _pictures(run: Run) -> dict[str, dict[str, str]]:
     laps = run.result["laps"]
     log = figures_blackbox.read_log(run)
 
-    def draw_log(run: Run, paper: "Paper") -> "Figure":
+    def draw_log(run: Run, sheet: "Sheet") -> "Figure":
         assert log is not None
-        return figures_blackbox.rates_figure(run, log, paper)
+        return figures_blackbox.rates_figure(run, log, sheet)
 
     sections = (
         ("The track from above", True, figures_track.track_figure),

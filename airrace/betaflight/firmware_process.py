@@ -6,6 +6,7 @@ import shutil
 import socket
 import struct
 import subprocess
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,31 +14,28 @@ import numpy as np
 
 from airrace.betaflight.firmware import Firmware
 from airrace.common.errors import UserError
+from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import ending
 
 PERIOD = 0.001  # s, of a step
 CHANNELS = 16  # of the radio
 NO_RADIO = CHANNELS * (0,)  # channels of a radio that is not on yet
-_SENSORS = struct.Struct("<18d")
-_STICKS = struct.Struct(f"<{CHANNELS}H")
-_MOTORS = struct.Struct("<H2x16f")
+# A Step of lockstep.c, and Motors.
+_STEP = np.dtype([("sensors", "<f8", 18), ("channels", "<u2", CHANNELS)])
+_MOTORS = np.dtype([("count", "<u2"), ("unused", "<u2"), ("outputs", "<f4", 16)])
 _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
+_AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
 _LIBRARY = "lockstep.so"  # in the folder of the process
+_WARM_UP, _TIMED = 500, 2000  # steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
 
 
-def state_packet(imu: np.ndarray) -> bytes:
-    """Returns what the firmware is told of the drone: its IMU, and nothing else that is true.
-
-    Args: imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
-    """
-    # Rates are in axes that point forward, right and down. Accelerations are what a sensor in B
-    # shows, with the opposite sign. The attitude is level: Betaflight's rate mode does not use it.
-    wx, wy, wz, fx, fy, fz = imu.tolist()
-    level = 1.0, 0.0, 0.0, 0.0
-    return _SENSORS.pack(0.0, wx, -wy, -wz, -fx, -fy, -fz, *level, *6 * [0.0], _PRESSURE)
+# Rates are told in axes that point forward, right and down. Accelerations are what a sensor in B
+# shows, with the opposite sign.
+_SIGNS = np.array((1.0, -1.0, -1.0, -1.0, -1.0, -1.0))
+_IMU, _LEVEL = slice(1, 7), 7  # among the sensors: Betaflight's rate mode uses no attitude
 
 
 class FirmwareProcess:
@@ -62,8 +60,11 @@ class FirmwareProcess:
         """
         self.problem: str | None = None
         self.port: int | None = None
-        self._waiting = True  # for what its motors get
+        self._answers = 1  # that are to come: at first, of its start
         self._motors = np.zeros(CHANNELS)
+        self._step = np.zeros((), _STEP)
+        self._sensors, self._channels = self._step["sensors"], self._step["channels"]
+        self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
         preload = {"LD_PRELOAD": f"./{_LIBRARY}", "AIRRACE_LOCKSTEP_FD": str(other.fileno())}
@@ -109,19 +110,25 @@ class FirmwareProcess:
     def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
         """Lets the firmware run for a step; end_step() is to be called before the next one.
 
-        Args: imu: see state_packet(). channels: of the radio, 1000 to 2000, 16 numbers.
+        It is told of its IMU, and of nothing else that is true.
+
+        Args:
+            imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
+            channels: of the radio, 1000 to 2000, 16 numbers.
         """
         if self.problem is None:
+            np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
+            self._channels[:] = channels
             with contextlib.suppress(OSError):  # end_step() says what is wrong
-                self._socket.send(state_packet(imu) + _STICKS.pack(*channels))
-            self._waiting = True
+                self._socket.send(self._step)
+            self._answers += 1
 
     def end_step(self) -> np.ndarray:
         """Returns what the motors get at the end of the step, 1000 to 2000, (16,); 0 if nothing.
 
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
-        while self._waiting and self.problem is None:
+        while self._answers and self.problem is None:
             message = b""
             try:
                 message = self._socket.recv(4096)
@@ -135,8 +142,8 @@ class FirmwareProcess:
             elif len(message) == _PORT.size:
                 (self.port,) = _PORT.unpack(message)
             else:
-                self._motors = np.array(_MOTORS.unpack(message)[1:])
-                self._waiting = False
+                self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
+                self._answers -= 1
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 
     def step(self, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
@@ -147,3 +154,37 @@ class FirmwareProcess:
         self.end_step()
         self.begin_step(imu, channels)
         return self.end_step()
+
+    def hold(self, duration: float, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
+        """Lets the firmware run for a time (s) in which nothing changes, as step() would.
+
+        It is told of many steps at once, so that it need not wait for this process at each.
+
+        Returns: see end_step().
+        """
+        self.end_step()
+        steps = round(duration / PERIOD)
+        for begin in range(0, steps, _AT_ONCE):
+            for _ in range(min(_AT_ONCE, steps - begin)):
+                self.begin_step(imu, channels)
+            self.end_step()
+        return self._motors if self.problem is None else np.zeros(CHANNELS)
+
+
+def steps_a_second(firmware: Firmware) -> float:
+    """Returns how many steps a firmware makes in a second, if nothing else is to be done.
+
+    Raises:
+        UserError: if it does not run.
+    """
+    with temporary_folder() as folder:
+        with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
+            for _ in range(_WARM_UP):
+                process.step(NO_RADIO)
+            begin = time.perf_counter()
+            for _ in range(_TIMED):
+                process.step(NO_RADIO)
+            spent = time.perf_counter() - begin
+            if process.problem is not None:
+                raise UserError(f"{process.problem}: `airrace betaflight build` makes it anew.")
+    return _TIMED / spent

@@ -21,13 +21,28 @@ from typing import NamedTuple
 from airrace.common.errors import UserError
 
 API_VERSION, FC_VARIANT, FC_VERSION = 1, 2, 3
-RAW_IMU, MOTOR, ATTITUDE = 102, 104, 108
+MODE_RANGES, RX_MAP = 34, 64
+RAW_IMU, MOTOR, ATTITUDE, RC_TUNING = 102, 104, 108, 111
 STATUS_EX = 150
 SET_RAW_RC = 200
 SET_MOTOR = 214  # turns motors on a table: refused, unless it is allowed by hand
 MOTORS = 8
 ARMED = 1  # of Status.modes
+# Of Status.arming_disabled, from its first bit on, as Betaflight's command line calls them.
+NOT_ARMING = (
+    "NOGYRO FAILSAFE RXLOSS NOT_DISARMED BOXFAILSAFE RUNAWAY CRASH THROTTLE ANGLE BOOTGRACE"
+    " NOPREARM LOAD CALIB CLI CMS BST MSP PARALYZE GPS RESCUE_SW DSHOT_TELEM REBOOT_REQD"
+    " DSHOT_BBANG NO_ACC_CAL MOTOR_PROTO FLIP_SWITCH ALT_HOLD_SW POS_HOLD_SW ARM_SWITCH"
+).split()
 _PATIENCE = 1.0  # s, for an answer
+_TUNING = "<5Bx2B2x5Bx6xB"  # of RC_TUNING
+_TUNED = (
+    "roll_rc_rate roll_expo roll_srate pitch_srate yaw_srate thr_mid thr_expo yaw_expo yaw_rc_rate"
+    " pitch_rc_rate pitch_expo throttle_limit_type rates_type"
+).split()
+_RATES = "BETAFLIGHT", "RACEFLIGHT", "KISS", "ACTUAL", "QUICK"
+_LIMITS = "OFF", "SCALE", "CLIP"
+_FIRST, _STEP = 900, 25  # us, of ranges of modes
 _HEAD = 5  # bytes before the payload
 _SHORTEST = _HEAD + 1
 _BAUD = termios.B115200
@@ -106,6 +121,21 @@ class Status(NamedTuple):
     def armed(self) -> bool:
         return bool(self.modes & ARMED)
 
+    @property
+    def reasons(self) -> str:
+        """Why the board does not arm, by Betaflight's names."""
+        named = [name for i, name in enumerate(NOT_ARMING) if self.arming_disabled >> i & 1]
+        return ", ".join(named) or "it does not say why"
+
+
+class Tuning(NamedTuple):
+    """What a board makes of its sticks, by the names of its settings."""
+
+    values: dict[str, str]
+    channels: tuple[int, ...]  #: where roll, pitch, yaw and throttle are, from 0
+    #: Of each mode's range: its number, 0 to arm, its channel after the sticks, from and to (us).
+    ranges: tuple[tuple[int, int, int, int], ...]
+
 
 class Msp:
     """Speaks to a board, over anything that has a descriptor."""
@@ -141,12 +171,7 @@ class Msp:
         while (left := limit - time.monotonic()) > 0.0:
             if not select.select([self._descriptor], [], [], left)[0]:
                 break
-            data = b""
-            with contextlib.suppress(OSError):
-                data = os.read(self._descriptor, 4096)
-            if not data:
-                raise UserError("The link to the board is gone: connect again.")
-            for frame in self._decoder.feed(data):
+            for frame in self._decoder.feed(self._read()):
                 if frame.command == command:
                     if frame.refused:
                         raise UserError(f"The board does not know the MSP command {command}.")
@@ -154,6 +179,12 @@ class Msp:
         raise UserError(
             f"The board does not answer to the MSP command {command}: is MSP on at this port?"
         )
+
+    def _read(self) -> bytes:
+        with contextlib.suppress(OSError):
+            if data := os.read(self._descriptor, 4096):
+                return data
+        raise UserError("The link to the board is gone: connect again.")
 
     def version(self) -> str:
         """Returns the firmware and its version, such as ``BTFL 4.6.0``."""
@@ -176,16 +207,47 @@ class Msp:
 
     def status(self) -> Status:
         """Returns whether the board is armed, and why it cannot be."""
-        payload = self.ask(STATUS_EX)
-        cycle_time, _, _, modes = _unpacked("<3HI", payload)
-        # After the profile, load and rate profile: how many more bytes of modes there are.
-        more = _unpacked("<15xB", payload)[0] & 0x0F
-        (reasons,) = _unpacked(f"<{16 + more + 1}xI", payload)
-        return Status(cycle_time, modes, reasons)
+        return status_of(self.ask(STATUS_EX))
+
+    def tuning(self) -> Tuning:
+        """Returns what the board makes of its sticks."""
+        numbers = _unpacked(_TUNING, self.ask(RC_TUNING))
+        values = {name: str(value) for name, value in zip(_TUNED, numbers)}
+        for name, words in (("rates_type", _RATES), ("throttle_limit_type", _LIMITS)):
+            values[name] = dict(enumerate(words)).get(int(values[name]), "unknown")
+        ranges = self.ask(MODE_RANGES)
+        return Tuning(
+            values,
+            _unpacked("<4B", self.ask(RX_MAP)),
+            tuple(
+                (mode, channel, _FIRST + _STEP * low, _FIRST + _STEP * high)
+                for mode, channel, low, high in zip(*4 * [iter(ranges)])
+                if low < high
+            ),
+        )
+
+    def heard(self) -> list[Frame]:
+        """Returns the frames that have come since, without waiting for more.
+
+        Raises:
+            UserError: if the link is gone.
+        """
+        if not select.select([self._descriptor], [], [], 0.0)[0]:
+            return []
+        return list(self._decoder.feed(self._read()))
 
     def set_raw_rc(self, channels: Sequence[int]) -> None:
         """Moves the sticks: 1000 to 2000; roll, pitch, throttle, yaw, and switches. No answer."""
         self.tell(SET_RAW_RC, struct.pack(f"<{len(channels)}H", *channels))
+
+
+def status_of(payload: bytes) -> Status:
+    """Returns the status that an answer to STATUS_EX says."""
+    cycle_time, _, _, modes = _unpacked("<3HI", payload)
+    # After the profile, load and rate profile: how many more bytes of modes there are.
+    more = _unpacked("<15xB", payload)[0] & 0x0F
+    (reasons,) = _unpacked(f"<{16 + more + 1}xI", payload)
+    return Status(cycle_time, modes, reasons)
 
 
 def _unpacked(layout: str, payload: bytes) -> tuple:
@@ -209,10 +271,10 @@ def open_msp(place: str) -> Iterator[Msp]:
     try:
         if colon and port.isdecimal():
             with socket.create_connection((host, int(port)), _PATIENCE) as connection:
-                connection.setblocking(True)
+                connection.setblocking(False)  # who does not read is no reason to wait
                 yield Msp(connection.fileno())
             return
-        descriptor = os.open(place, os.O_RDWR | os.O_NOCTTY)
+        descriptor = os.open(place, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as e:
         raise UserError(
             f"There is no board at {place} ({e.strerror or e}): name HOST:PORT, or the file of a "

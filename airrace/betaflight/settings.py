@@ -103,8 +103,7 @@ def _command_line(process: FirmwareProcess) -> Iterator[Callable[[str], str]]:
 
     Time goes on for the firmware while somebody waits for it, and only then.
     """
-    for _ in range(round(_BOOT / PERIOD)):
-        process.step(NO_RADIO)
+    process.hold(_BOOT, NO_RADIO)
     if process.port is None:
         raise UserError(f"{process.problem or 'Betaflight has no command line'}.")
     with process.connect() as connection:

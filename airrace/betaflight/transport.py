@@ -25,6 +25,7 @@ from airrace.diagrams.transport import Transport
 from airrace.diagrams.wiring import connect_by_name, export_inputs, inputs_of, outputs_of
 from airrace.systems.sensing.imu import Imu
 from airrace.vehicle import find_vehicle, load_vehicle
+from airrace.vehicle.battery import Pack
 from airrace.vehicle.imu_errors import turn_on_biases
 from airrace.vehicle.sensor_failures import RadioFailure
 
@@ -41,6 +42,7 @@ _ARMING = 0.3  # s
 _TRY = 0.1  # s, for which they are
 _TRY_THRUST = 0.01  # share of the greatest: too little for airmode
 _DISARMING = 0.5  # s, in which the firmware ends its log
+_SPEEDS = "rotor_speeds"
 _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
 _HOLD = 0.3  # s, for which Betaflight keeps what it heard last
 _LONG = 1e9  # s
@@ -139,16 +141,21 @@ class BetaflightTransport(Transport):
         """Returns the autonomy with the flight controller that it commands, which has an IMU."""
         builder = DiagramBuilder()
         autonomy = builder.AddSystem(MakeAutonomy(scenario))
+        vehicle, _ = load_vehicle(scenario.drone)
         imu = Imu(
             rate=1.0 / PERIOD,
             errors=scenario.imu.resolved(),
-            position=load_vehicle(scenario.drone)[0].imu.position,
+            position=vehicle.imu.position,
             failures=scenario.imu_failures,
             seed=scenario.seed,
             state_period=scenario.plant_config.time_step,
         )
         betaflight = Betaflight(
-            process=self._process, sticks=self._sticks, failures=scenario.radio_failures
+            process=self._process,
+            sticks=self._sticks,
+            failures=scenario.radio_failures,
+            pack=Pack(vehicle.battery, vehicle) if vehicle.battery else None,
+            hears_voltage=vehicle.battery is None or vehicle.battery.heard,
         )
         builder.AddNamedSystem("flight_controllers_imu", imu)
         builder.AddNamedSystem("betaflight", betaflight)
@@ -157,7 +164,9 @@ class BetaflightTransport(Transport):
             autonomy.GetOutputPort("rate_command"), betaflight.GetInputPort("rate_command")
         )
         builder.ExportInput(imu.GetInputPort("state"), "truth.state")
-        export_inputs(builder, {n: [autonomy.GetInputPort(n)] for n in inputs_of(autonomy)})
+        inputs = {n: [autonomy.GetInputPort(n)] for n in inputs_of(autonomy)}
+        inputs.setdefault(_SPEEDS, []).append(betaflight.GetInputPort(_SPEEDS))
+        export_inputs(builder, inputs)
         for name, port in outputs_of(autonomy, betaflight).items():
             builder.ExportOutput(port, name)
         diagram = builder.Build()
@@ -178,8 +187,7 @@ class BetaflightTransport(Transport):
             (_ARMING, sticks.at_rest(armed=True)),
             (_TRY, small),
         ):
-            for _ in range(round(duration / PERIOD)):
-                outputs = process.step(channels, self._rest)
+            outputs = process.hold(duration, channels, self._rest)
         if process.problem is not None:
             raise UserError(f"{process.problem}, before it was armed.")
         if not sticks.rotor_speeds(outputs).all():
@@ -188,8 +196,7 @@ class BetaflightTransport(Transport):
             )
         # Its clock has begun with its first step, so its log can be put beside the race's.
         left = RACE_BEGINS - (_BOOT + _CALIBRATION + _ARMING + _TRY)
-        for _ in range(round(left / PERIOD)):
-            process.step(sticks.at_rest(armed=True), self._rest)
+        process.hold(left, sticks.at_rest(armed=True), self._rest)
         if simulator.get_target_realtime_rate() > 0.0:
             self._note(f"Betaflight's MSP and command line are at tcp://127.0.0.1:{process.port}")
 
@@ -206,8 +213,7 @@ class BetaflightTransport(Transport):
 
     def end(self, simulator: "Simulator") -> None:
         """Disarms."""
-        for _ in range(round(_DISARMING / PERIOD)):
-            self._process.step(self._sticks.at_rest(armed=False), self._rest)
+        self._process.hold(_DISARMING, self._sticks.at_rest(armed=False), self._rest)
 
 
 def _acted(failure: RadioFailure, status: "RefereeStatus") -> bool:

@@ -10,6 +10,7 @@ from airrace.common.errors import UserError
 from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import EPILOG, fly, race_scenario
 from airrace.hitl.command import LINK, HitlOptions, fly_hitl
+from airrace.scenario import INTERNAL, MSP
 from airrace.scenario.options import RACE
 
 MAVLINK = "MAVLINK"
@@ -66,14 +67,19 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if options.simulation == MAVLINK:
         raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "HITL":
-        if race_scenario(options).flight_controller != "internal":
+        if race_scenario(options).flight_controller != INTERNAL:
             raise UserError("Betaflight is flown in this process: leave out -s HITL.")
         return fly_hitl(options, quiet)
     for name in ("companion", "identity", "wheels", "lcm_url", "link_key", "lockstep"):
         if getattr(options, name):
             raise UserError(f"--{name} is for hardware in the loop: add -s HITL.")
     scenario = race_scenario(options)
-    if scenario.flight_controller == "internal":
+    if scenario.flight_controller.startswith(MSP):
+        raise UserError(
+            "A board is commanded by an autonomy that a person starts beside it: airrace hitl "
+            f"autonomy --flight_controller {scenario.flight_controller}."
+        )
+    if scenario.flight_controller == INTERNAL:
         return fly(options, quiet, scenario=scenario)
     from airrace.betaflight.firmware import find_firmware
     from airrace.betaflight.transport import join_betaflight

@@ -8,7 +8,7 @@ from pydrake.systems.framework import System
 
 from airrace.diagrams.estimators import make_gate_slam, make_strapdown_integrator
 from airrace.diagrams.wiring import Port
-from airrace.scenario import INTERNAL, NO_POLICY, TRUTH, VIO, Scenario
+from airrace.scenario import BETAFLIGHT, INTERNAL, NO_POLICY, TRUTH, VIO, Scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.estimation.state_filter import make_state_filter
@@ -157,7 +157,9 @@ def variant_of(scenario: Scenario) -> Variant:
         variant |= _KNOWN_MAP
     if scenario.policy != NO_POLICY:
         variant |= _LEARNED
-    if scenario.flight_controller != INTERNAL:
-        outputs = {name: port for name, port in variant.outputs.items() if name != _COMMANDS}
-        variant = dc.replace(variant, outputs=outputs | _RATES)
-    return variant
+    if scenario.flight_controller == INTERNAL:
+        return variant
+    outputs = {**variant.outputs, **_RATES}
+    if scenario.flight_controller == BETAFLIGHT:
+        del outputs[_COMMANDS]
+    return dc.replace(variant, outputs=outputs)

@@ -16,7 +16,7 @@ from airrace.analysis.figure_style import (
     PAPER,
     SHADE,
     STYLE,
-    Paper,
+    Sheet,
     add_legend,
     add_tip,
     make_figure,
@@ -51,28 +51,28 @@ def draw_picture(folder: Path, evaluation: dict) -> None:
     write_bytes(folder / PICTURE, file.getvalue())
 
 
-def make_overview(evaluation: dict, with_title: bool = True, paper: Paper = DESK) -> "Figure":
+def make_overview(evaluation: dict, with_title: bool = True, sheet: Sheet = DESK) -> "Figure":
     """Returns the figure: strips on the left, rates and why races ended on the right.
 
-    Args: with_title: whether it says what was evaluated. paper: on a phone's, all is one below the
+    Args: with_title: whether it says what was evaluated. sheet: on a phone's, all is one below the
     other.
     """
     summary, races = evaluation["summary"], race_frame(evaluation["races"])
     strips = figures_of_merit(races)
     n = len(strips)
-    if paper.is_wide:
+    if sheet.is_wide:
         figure = make_figure(13, 1.9 + 1.25 * n)
         grid = figure.add_gridspec(n, 2, width_ratios=(2.3, 1))
         places = [*(grid[row, 0] for row in range(n)), grid[:2, 1], grid[2:, 1]]
     else:
-        figure = make_figure(paper.width, 1.9 + 1.4 * n + 4.5)
+        figure = make_figure(sheet.width, 1.9 + 1.4 * n + 4.5)
         grid = figure.add_gridspec(n + 2, 1, height_ratios=[*[1.4] * n, 2.0, 2.5])
         places = [grid[row, 0] for row in range(n + 2)]
     if with_title:
         figure.suptitle(title(evaluation["settings"]), parse_math=False, wrap=True)
     *rows, rates, reasons = map(figure.add_subplot, places)
     for axes, (name, values) in zip(rows, strips.items()):
-        _draw_strip(axes, name, values, races["finished"], paper)
+        _draw_strip(axes, name, values, races["finished"], sheet)
     _draw_rates(rates, summary)
     _draw_reasons(reasons, summary["dnf_reasons"])
     add_legend(figure, rows[0], "outside lower left")
@@ -104,7 +104,7 @@ def beside(values: np.ndarray) -> np.ndarray:
 
 
 def _draw_strip(
-    axes: "Axes", name: str, values: pd.Series, finished: pd.Series, paper: Paper
+    axes: "Axes", name: str, values: pd.Series, finished: pd.Series, sheet: Sheet
 ) -> None:
     """Draws a mark a race, the median, and the quartiles."""
     known = values.dropna()
@@ -117,7 +117,7 @@ def _draw_strip(
     axes.axvspan(low, high, color=SHADE, lw=0, label="half of the races", zorder=1)
     axes.axvline(median, color=INK, lw=1.6, label="median", zorder=2)
     words = f"median {median:.4g}, {len(known)} races"
-    if paper.is_wide:
+    if sheet.is_wide:
         axes.set_title(words, loc="right", fontsize=9, weight=400)
     else:  # beside the name there is no room
         axes.set_title(f"{name}\n{words}", loc="left", fontsize=9)

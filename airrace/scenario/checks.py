@@ -194,13 +194,24 @@ def check_estimator(scenario: "Scenario") -> None:
 
 def check_flight_controller(scenario: "Scenario") -> None:
     """Checks the flight controller's name, and that what flies can command it."""
-    check_choice("flight_controller", scenario.flight_controller, ("internal", "betaflight"))
+    board = scenario.flight_controller.startswith("msp:")
+    if not board:
+        choices = "internal", "betaflight", "msp:PLACE"
+        check_choice("flight_controller", scenario.flight_controller, choices)
     for i, failure in enumerate(scenario.radio_failures):
         check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
+    for name, is_used in (
+        ("radio_failures", scenario.flight_controller == "betaflight"),
+        ("betaflight_config", scenario.flight_controller != "internal"),
+    ):
+        if getattr(scenario, name) and not is_used:
+            raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
+    if board and not scenario.betaflight_config:
+        raise UserError(
+            "What a board makes of its sticks is not known: save what its command line prints "
+            "after `dump`, and name the file with --betaflight_config."
+        )
     if scenario.flight_controller == "internal":
-        for name in ("radio_failures", "betaflight_config"):
-            if getattr(scenario, name):
-                raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
         return
     if scenario.policy != "none":
         raise UserError("A policy commands the rotors itself: set flight_controller to internal.")

@@ -44,7 +44,8 @@ MAP_ESTIMATORS = ("robust", "original")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "original")
 NO_POLICY, LEARNED = "none", "learned"  # what flies the laps besides the planner; or a file
-INTERNAL = "internal"  # what drives the motors: the controller itself
+# What drives the motors: the controller itself, or the firmware; or, after "msp:", a real board.
+INTERNAL, BETAFLIGHT, MSP = "internal", "betaflight", "msp:"
 TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
@@ -237,9 +238,9 @@ class Scenario:
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
-    # What drives the motors: "internal", the controller itself; or "betaflight", the firmware, to
-    # which the controller commands thrust and body rates.
-    flight_controller: str = "internal"
+    # What drives the motors: "internal", the controller itself; "betaflight", the firmware, which
+    # the controller tells thrust and body rates; or "msp:PLACE": a real board is told them, too.
+    flight_controller: str = INTERNAL
     betaflight_config: str = ""  # file of the firmware's settings; by default, the drone's own
     # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0

@@ -69,7 +69,7 @@ def check_page(text):
 
 
 def assert_follows_the_theme(svg):
-    """All that a picture draws in is a variable of the page, or can be seen on any paper."""
+    """All that a picture draws in is a variable of the page, or can be seen on any sheet."""
     contrasts = [
         contrast
         for color in set(re.findall(r"(?:fill|stroke): (#\w{6})", svg))

@@ -1,6 +1,7 @@
 """airrace betaflight build, and what a command line says of the firmware."""
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -10,6 +11,7 @@ from airrace.commands.app import main
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.envs.options import EnvOptions, make_scenario
+from airrace.hitl.command import ask_to_arm
 from airrace.scenario import load_scenario
 
 
@@ -38,7 +40,7 @@ def test_without_it_a_race_names_the_remedy(monkeypatch, tmp_path, capsys):
 
 def test_who_cannot_command_it_is_told(capsys):
     for text, words in (
-        ("{flight_controller: px4}", "internal, betaflight"),
+        ("{flight_controller: px4}", "internal, betaflight, msp:PLACE"),
         ("{flight_controller: betaflight, policy: learned}", "A policy commands the rotors"),
         ("{radio_failures: [{}]}", "radio_failures is for Betaflight"),
         ("{betaflight_config: team.txt}", "betaflight_config is for Betaflight"),
@@ -46,6 +48,37 @@ def test_who_cannot_command_it_is_told(capsys):
     ):
         assert main(["race", "--scenario_text", text]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_a_board_is_commanded_beside_it(tmp_path, capsys):
+    dump = tmp_path / "dump.txt"
+    dump.write_text("mixer QUADX\n")
+    place = ["--flight_controller", f"msp:{tmp_path}/ttyACM0"]
+    for words, said in (
+        (["--allow_arming"], "add --flight_controller msp:PLACE"),
+        (place, "what its command line prints"),
+        (["--flight_controller", "betaflight"], "add --flight_controller msp:PLACE"),
+        ([*place, "--betaflight_config", str(dump)], "do not say"),
+    ):
+        assert main(["hitl", "autonomy", "--output", str(tmp_path / "out"), *words]) == 2
+        assert said in " ".join(capsys.readouterr().err.split())
+    text = f"{{flight_controller: 'msp:/dev/ttyACM0', betaflight_config: {dump}}}"
+    assert main(["race", "--scenario_text", text]) == 2
+    assert "that a person starts beside it" in capsys.readouterr().err
+
+
+def test_a_person_arms_by_a_word_in_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", Mock(isatty=lambda: False))
+    with pytest.raises(UserError, match="Arming is a person's act"):
+        ask_to_arm()
+    monkeypatch.setattr("sys.stdin", Mock(isatty=lambda: True))
+    for word in ("arm", "", "yes"):
+        monkeypatch.setattr("builtins.input", lambda question, word=word: word)
+        with pytest.raises(UserError, match="is not armed"):
+            ask_to_arm()
+    monkeypatch.setattr("builtins.input", lambda question: "ARM")
+    ask_to_arm()
+    assert capsys.readouterr().out.count("Take all propellers off") == 5
 
 
 def test_what_cannot_fly_it_says_so(tmp_path):

@@ -89,6 +89,24 @@ def test_it_ends_with_its_parent_however_that_ends(firmware, tmp_path):
     assert not is_alive(number)
 
 
+def test_steps_that_it_is_told_of_at_once_are_as_one_by_one(configured, firmware, sticks, tmp_path):
+    answers = []
+    for name in ("one by one", "at once"):
+        shutil.copytree(configured[0], tmp_path / name)
+        with contextlib.closing(FirmwareProcess(firmware, tmp_path / name)) as process:
+            process.hold(0.5, NO_RADIO)
+            process.hold(5.5, sticks.at_rest(False))
+            process.hold(0.3, sticks.at_rest(True))
+            if name == "at once":
+                process.hold(0.32, sticks.channels_of_thrust(0.2))
+            else:
+                for _ in range(320):
+                    process.step(sticks.channels_of_thrust(0.2))
+            answers.append(process.step(sticks.channels_of_thrust(0.3)))
+    np.testing.assert_array_equal(*answers)
+    assert (answers[0][:4] > 1100.0).all()
+
+
 @pytest.mark.slow
 def test_the_same_steps_are_answered_alike_by_two_at_once_on_a_busy_computer(
     firmware, configured, sticks, tmp_path

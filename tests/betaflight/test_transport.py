@@ -1,13 +1,19 @@
 """Races that the firmware flies, and how they end when it does not."""
 
 import json
+import multiprocessing
 import os
 import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 
 from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
-from airrace.betaflight.transport import join_betaflight
+from airrace.betaflight.msp import open_msp
+from airrace.betaflight.transport import find_settings, join_betaflight
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.recording.race_events import StateSample
@@ -106,6 +112,55 @@ def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(firmware
         fly(tmp_path / "a", BRIEF + f"betaflight_config: {team}\n")
 
 
-def test_who_has_no_settings_is_told(firmware, tmp_path):
+def test_who_has_no_settings_is_told():
     with pytest.raises(UserError, match="no settings of Betaflight for this drone"):
-        fly(tmp_path / "a", BRIEF + "drone: StarOne\n")
+        find_settings(load_scenario(scenario_text="{drone: vadr}"))
+
+
+@pytest.mark.slow
+def test_eight_rotors_take_off(firmware, tmp_path):
+    result, _, samples = fly(tmp_path / "a", BRIEF + "drone: StarOne\n")
+    assert result["exploration"]["success"]
+    assert samples[-1][3] == pytest.approx(5.0, abs=0.3)  # it stands higher than the Default
+
+
+@pytest.mark.repeats
+def test_two_races_from_pixels_at_once_on_a_busy_computer_are_each_as_alone(firmware, tmp_path):
+    text = BRIEF.replace("map: track\ncamera: {renderer: none}\n", "").replace("4.0", "9.0")
+    _, _, alone = fly(tmp_path / "alone", text)
+    folders = tmp_path / "a", tmp_path / "b"
+    spin = [sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(spin) for _ in range(2)]
+    try:
+        with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+            flown = [pool.submit(fly, folder, text) for folder in folders]
+            for each in flown:
+                assert each.result()[2] == alone
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
+    assert alone[-1][0] > 8.9
+
+
+@pytest.mark.slow
+def test_in_real_time_others_may_look_at_it(firmware, tmp_path):
+    seen, threads = {}, []
+
+    def looker(transport):
+        def ask():
+            with open_msp(f"127.0.0.1:{transport._process.port}") as board:
+                seen.update(status=board.status(), motors=board.motors()[:4])
+
+        def look(event):
+            if event.time >= 1.0 and not threads:
+                threads.append(threading.Thread(target=ask))
+                threads[0].start()
+
+        return look
+
+    text = BRIEF.replace("4.0", "2.0") + "simulator_config: {target_realtime_rate: 1.0}\n"
+    _, (line,), _ = fly(tmp_path / "a", text, [looker])
+    threads[0].join()
+    assert "are at tcp://127.0.0.1:" in line
+    assert seen["status"].armed and min(seen["motors"]) > 1100

@@ -15,7 +15,7 @@ from airrace.commands.app import main as command
 from airrace.common import files
 from airrace.common.errors import UserError
 from airrace.common.resources import models_path
-from airrace.diagrams import race, race_command, warm_up
+from airrace.diagrams import race, warm_up
 from airrace.diagrams.race_command import EPILOG, RaceOptions, race_scenario, report_after
 from airrace.scenario import load_scenario, scenario_yaml
 from tests.worlds.cases import first
@@ -289,7 +289,7 @@ class TestBadInput:
         def interrupt(args):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(race_command, "race_scenario", interrupt)
+        monkeypatch.setattr("airrace.commands.race.race_scenario", interrupt)
         assert main([]) == 1
         assert capsys.readouterr().err == "airrace: interrupted\n"
 

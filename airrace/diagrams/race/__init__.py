@@ -148,7 +148,7 @@ def MakeRace(
     if scenario.flight_controller not in transport.flight_controllers:
         raise UserError(
             f"With flight_controller '{scenario.flight_controller}' only `airrace race` flies, and "
-            "no hardware in the loop: set it to internal."
+            "no simulation with hardware in the loop: set it to internal."
         )
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, visible=page is not None))

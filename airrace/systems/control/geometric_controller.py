@@ -45,15 +45,15 @@ class GeometricController(LeafSystem):
         - rotor_speeds
         - rotor_losses
         output_ports:
-        - rotor_speed_command, or rate_command
+        - rotor_speed_command
+        - rate_command (for a flight controller)
 
     ``reference``: a trajopt.Reference (18); ``filtered_estimate``: a vehicle.State
     (14); ``disturbance``: an acceleration to lean against (m/s^2,
     in the world), see StateFilter; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
-    ``rotor_losses``: see RotorMonitor. For a flight controller there is a ``rate_command`` in the
-    place of the rotor speeds, [f, w_x, w_y, w_z]: thrust (N) and rates in B (rad/s), (4,), see
-    set_rates().
+    ``rotor_losses``: see RotorMonitor. ``rate_command``, for a flight controller that makes rotor
+    speeds of it: [f, w_x, w_y, w_z], thrust (N) and rates in B (rad/s), (4,), see set_rates().
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
@@ -113,8 +113,7 @@ class GeometricController(LeafSystem):
         # One vector is quicker to hand over, see common/jit.py.
         parameters = make_parameters(vehicle, attitude_error, gains)
         self._parameters = parameters_vector(parameters)
-        self._rate_gains = parameters.k_w if commands_rates else None
-        self._inertia = parameters.inertia
+        self._inertia, self._rate_gains = parameters.inertia, parameters.k_w
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0
@@ -124,10 +123,14 @@ class GeometricController(LeafSystem):
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
-        name, size = ("rate_command", 4) if commands_rates else ("rotor_speed_command", n)
-        state = self.DeclareDiscreteState(size)
+        state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
-        self.DeclareStateOutputPort(name, state)
+        self.DeclareStateOutputPort("rotor_speed_command", state)
+        self._rates: int | None = None  # a state, of what a flight controller is told
+        if commands_rates:
+            rates = self.DeclareDiscreteState(4)
+            self.DeclareStateOutputPort("rate_command", rates)
+            self._rates = int(rates)
         self._own: OwnWrench | None = None
         if type(self).calc_wrench is not GeometricController.calc_wrench:
             check_arguments(self.calc_wrench, "reference", "estimate")
@@ -158,11 +161,10 @@ class GeometricController(LeafSystem):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
             return
+        if self._rates is not None and all_finite(wrench):
+            rates = discrete_state.get_mutable_value(self._rates)
+            set_rates(rates, wrench, estimate, self._inertia, self._rate_gains)
         allocator, command = remaining.allocator, discrete_state.get_mutable_value()
-        if self._rate_gains is not None:
-            if all_finite(wrench):
-                set_rates(command, wrench, estimate, self._inertia, self._rate_gains)
-            return
         rotors = (
             read_vector(self._speeds, context),
             remaining.max_thrusts,

@@ -27,7 +27,7 @@ _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
 _AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
 _LIBRARY = "lockstep.so"  # in the folder of the process
-_WARM_UP, _TIMED = 500, 2000  # steps, of steps_a_second()
+_WARM_UP, _TIMED = 0.5, 500  # s, and steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
 
@@ -179,8 +179,7 @@ def steps_a_second(firmware: Firmware) -> float:
     """
     with temporary_folder() as folder:
         with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
-            for _ in range(_WARM_UP):
-                process.step(NO_RADIO)
+            process.hold(_WARM_UP, NO_RADIO)
             begin = time.perf_counter()
             for _ in range(_TIMED):
                 process.step(NO_RADIO)

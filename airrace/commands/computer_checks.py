@@ -70,7 +70,7 @@ def _betaflight() -> Iterator[Row]:
         return
     remedy = "end other programs: races with it are slow" if pace < _PACE else ""
     status = WEAK if remedy else GOOD
-    yield Row("Betaflight alone", f"{pace:.0f} x real time", f"{_PACE:g} x", status, remedy)
+    yield Row("Betaflight alone", f"{pace:.1f} x real time", f"{_PACE:g} x", status, remedy)
 
 
 def _machine_code() -> Row:

@@ -25,7 +25,7 @@ K = np.array([[320.0, 0.0, 320.0], [0.0, 320.0, 180.0], [0.0, 0.0, 1.0]])
 UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
 R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
 SQUARE = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
-FARTHEST, LONGEST_LEG = 40.0, 40.0  # m, to a gate that is seen well, and from gate to gate
+FARTHEST, LONGEST_LEG = 25.0, 17.0  # m, to a gate that is seen well, and from gate to gate
 SPEED = 3.0  # m/s
 
 

@@ -58,13 +58,13 @@ def _vtk() -> Row:
 
 def _betaflight() -> Iterator[Row]:
     from airrace.betaflight.firmware import find_firmware
-    from airrace.betaflight.firmware_process import steps_a_second
+    from airrace.betaflight.firmware_process import PERIOD, steps_a_second
 
     what, needed = "Betaflight", "only if you want it"
     try:
         firmware = find_firmware()
         yield Row(what, f"{firmware.version}, in {firmware.program.parent}", needed, GOOD, "")
-        pace = steps_a_second(firmware) / 1000.0
+        pace = PERIOD * steps_a_second(firmware)
     except UserError as e:
         yield Row(what, "no", needed, WEAK, str(e))
         return

@@ -40,7 +40,6 @@ _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
 _TIDY = 1.0  # s from one look for garbage to the next
-_LAST_HEARTBEATS = 5
 _TOLD = "it was told to stop"
 _TRIAL, _BRIEFEST = 1.5, 0.1  # s of made-up messages, by which it says whether it is fast enough
 
@@ -227,8 +226,7 @@ class AutonomyProcess:
     def _say_last(self, reason: str) -> None:
         """Tells the simulation why nothing more will come."""
         sim_time = self._endpoint.peer_heartbeat.stamp.time
-        for _ in range(_LAST_HEARTBEATS):
-            self._endpoint.send_heartbeat(self._endpoint.partners.phase, sim_time, reason)
+        self._endpoint.say_last(self._endpoint.partners.phase, sim_time, reason)
 
     def _phase(self) -> str:
         return self._endpoint.peer_heartbeat.value.phase

@@ -90,13 +90,6 @@ def scenario_and_bus(
     return checked_scenario(options), UdpBus(lcm_url or DEFAULT_URL, key)
 
 
-def key_of(link_key: Path | None) -> bytes | None:
-    """Returns the key that --link_key names, None if it names none; may raise UserError."""
-    from airrace.hitl.link.link_key import read_key
-
-    return None if link_key is None else read_key(link_key)
-
-
 def checked_scenario(options: ScenarioOptions) -> "Scenario":
     """Returns the Scenario that options name, or raises UserError if it is none."""
     scenario = resolve_scenario(options)
@@ -129,6 +122,7 @@ def autonomy(
     from airrace.common.interrupts import interrupt_flag
     from airrace.hitl.autonomy_process import AutonomyProcess
     from airrace.hitl.link.endpoint import DEFAULT_URL
+    from airrace.hitl.link.link_key import key_of
     from airrace.hitl.lockstep_autonomy import LEFT, STOPPED
 
     ends = {LEFT: "the race is over", STOPPED: "interrupted"}

@@ -14,7 +14,7 @@ from airrace.common.packing import Packing
 from airrace.math.quaternion import reference_yaw, rotation_matrix
 from airrace.math.random import make_generator
 from airrace.mavlink import telemetry
-from airrace.mavlink.client_link import ClientLink, is_for_us
+from airrace.mavlink.client_link import ClientLink, controls, is_for_us
 from airrace.mavlink.commands import (
     ARM,
     RESET,
@@ -410,6 +410,4 @@ def _is_replaced(message: Any, after: Any) -> bool:
 
 def is_command(message: Any) -> bool:
     """Whether a message is one that `--step` waits for."""
-    kind = message.get_type()
-    is_order = kind == "COMMAND_LONG" and message.command in (ARM, RESET)
-    return (kind in SETPOINTS or is_order) and is_for_us(message)
+    return controls(message, (ARM, RESET))

@@ -300,11 +300,10 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
-        limits = self._limits
+        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
         if self._factors.HasValue(context):
-            vehicle = limits.vehicle.with_thrusts(self._factors.Eval(context))
-            limits = dc.replace(limits, vehicle=vehicle)
-        problem = self.problem_of(
+            rotor_factors = self._factors.Eval(context).copy()
+        return self.problem_of(
             PlanRequest(
                 start_time=start_time,
                 gates=gates,
@@ -312,16 +311,17 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
+                rotor_factors=rotor_factors,
             )
         )
-        return dc.replace(problem, limits=limits)
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
+        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=self._limits,
+            limits=dc.replace(self._limits, vehicle=vehicle),
             style=self._style,
             always=self._always,
         )

@@ -305,6 +305,13 @@ def test_bad_input_is_one_sentence(options, named, capsys):
 
 
 @pytest.mark.slow
+def test_a_race_that_somebody_ends_ends_the_benchmark(monkeypatch, capsys):
+    ended = {"finished": False, "dnf_reason": "interrupted"}
+    monkeypatch.setattr("benchmarks.whole_race.run_race", lambda *args, **options: ended)
+    assert call("hitl", "--delays", "0", "--losses", "0") == 1
+    assert "not finished" not in capsys.readouterr().out
+
+
 def test_longer_tracks_are_compared_with_shorter_ones(run):
     table, rows, _ = run("growth", "--runs", 1, "--scenario_text", SHORT, code=1)
     assert [row["gates"] for row in rows] == [10, 20]
@@ -454,6 +461,21 @@ def test_plans_are_put_beside_the_optimum(run):
     assert row["converged"] and row["optimum_s"] < row["planned_s"] < 1.03 * row["optimum_s"]
     assert abs(row["coarse_s"] / row["optimum_s"] - 1.0) < 0.01
     assert rows_of(table, "hexagon")[0][0] == f"{row['planned_s']:.3f}"
+
+
+def test_published_courses_are_theirs():
+    """Their corners, as published planners have them, and gates that come again."""
+    courses = importlib.import_module("benchmarks.published_courses")
+    made = {name: make() for name, (make, _) in courses.COURSES.items()}
+    assert [len(gates.regions) for gates in made.values()] == [21, 21, 11]
+    np.testing.assert_array_equal(
+        made["19-gates"].midpoints[1:8], made["19-waypoints"].midpoints[8:15]
+    )
+    # Where TOGT's own plan passes the triangle, the ends of the tunnel, and the hexagon.
+    passed = {1: [-1.1, -0.4063, 2.402], 3: [13.08, 3.187, 1.26], 5: [2.623, -8.924, 1.813]}
+    for gate, place in (passed | {8: [3.401, -0.409, 1.108]}).items():
+        nearest = made["7-shapes"].regions[gate].nearest(place)
+        np.testing.assert_allclose(nearest, place, atol=0.01)
 
 
 def test_a_flight_of_twice_as_many_intervals_is_the_same():

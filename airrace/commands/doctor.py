@@ -51,8 +51,9 @@ def doctor(
 
     from airrace.commands.computer_checks import check_computer
     from airrace.common.errors import UserError
-    from airrace.hitl.command import checked_scenario, key_of, scenario_and_bus
+    from airrace.hitl.command import checked_scenario, scenario_and_bus
     from airrace.hitl.link.doctor import BAD, make_table
+    from airrace.hitl.link.link_key import key_of
 
     for name, value in (("lcm_url", lcm_url), ("link_key", link_key)):
         if value is not None and not link:

@@ -27,7 +27,7 @@ from airrace.hitl.lcm_bridge import ports_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint
-from airrace.hitl.link.link_key import read_key
+from airrace.hitl.link.link_key import key_of
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import measure
@@ -99,7 +99,7 @@ def remote_transport(
     # What waits for the time is the link, not Drake's Simulator.
     config = scenario.simulator_config
     rate, config.target_realtime_rate = config.target_realtime_rate, 0.0
-    key = None if args.link_key is None else read_key(args.link_key)
+    key = key_of(args.link_key)
     bus = UdpBus(url, key)
     channels = make_channels(scenario, ports_wanted(MakeAutonomy(scenario)))
     with contextlib.ExitStack() as stack:

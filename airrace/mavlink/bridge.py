@@ -14,7 +14,7 @@ from airrace.common.packing import Packing
 from airrace.math.quaternion import reference_yaw, rotation_matrix
 from airrace.math.random import make_generator
 from airrace.mavlink import telemetry
-from airrace.mavlink.client_link import ClientLink, is_for_us
+from airrace.mavlink.client_link import ClientLink, controls, is_for_us
 from airrace.mavlink.commands import (
     ARM,
     RESET,
@@ -230,6 +230,8 @@ class MavlinkBridge(LeafSystem):
 
     def _send_status(self, context):
         start, status = float(self.flight(context).start), self._referee.Eval(context)
+        if context.get_time() < start - self._dialect.countdown - AFTER:
+            start = -1.0  # armed, but the countdown is still to come
         gates = len(self._track.gates)
         self._link.send(telemetry.race_status(self._now(context), start, status, gates))
 
@@ -326,8 +328,6 @@ class MavlinkBridge(LeafSystem):
             self._complain(EARLY_START)
         elif time >= flight.start:
             memory[:] = _FLIGHT.vector(flight._replace(begun=1.0))
-            if self._dialect.disarms:
-                discrete_state.get_mutable_value(self._setpoint)[:] = setpoint_vector(NO_SETPOINT)
 
     def _command(self, context, discrete_state, message):
         result, why = mavlink.MAV_RESULT_ACCEPTED, None
@@ -410,6 +410,4 @@ def _is_replaced(message: Any, after: Any) -> bool:
 
 def is_command(message: Any) -> bool:
     """Whether a message is one that `--step` waits for."""
-    kind = message.get_type()
-    is_order = kind == "COMMAND_LONG" and message.command in (ARM, RESET)
-    return (kind in SETPOINTS or is_order) and is_for_us(message)
+    return controls(message, (ARM, RESET))

@@ -225,10 +225,13 @@ def is_for_us(message: Any) -> bool:
     return getattr(message, "target_system", SYSTEM_ID) in (0, SYSTEM_ID)
 
 
-def controls(message: Any) -> bool:
-    """Returns whether a message asks to control this vehicle, and does not only listen."""
+def controls(message: Any, orders: tuple[int, ...] = (ARM, RESET, SET_MODE)) -> bool:
+    """Returns whether a message asks to control this vehicle, and does not only listen.
+
+    Args: orders: commands that count, beside set-points.
+    """
     kind = message.get_type()
-    is_order = kind == "COMMAND_LONG" and message.command in (ARM, RESET, SET_MODE)
+    is_order = kind == "COMMAND_LONG" and message.command in orders
     return (kind in SETPOINTS or is_order) and is_for_us(message)
 
 

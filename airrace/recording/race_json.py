@@ -22,6 +22,7 @@ class LapJson(TypedDict):
     lap: int  # from 1
     start_s: float
     time_s: float
+    waited_s: NotRequired[float]  # by how much the clock of plans waited for the drone, if it did
     gate_times_s: list[float]  # of all gates, since gate 1
     gate_offsets_m: list[float]  # of all gates, from their midpoints
     max_speed: float
@@ -101,6 +102,11 @@ class _AnyJson(TypedDict):
 def is_course_json(path: Path) -> bool:
     """Returns whether a race.json is of a client's flight; raises UserError if it is none."""
     return "vq" in read_json(path, _AnyJson, _WHAT, _REMEDY)
+
+
+def check_run(path: Path) -> None:
+    """Raises UserError unless there is a race.json in a folder, or beside a file."""
+    is_course_json((path.parent if path.is_file() else path) / "race.json")
 
 
 def read_course_json(path: Path) -> CourseJson:

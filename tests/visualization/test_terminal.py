@@ -32,7 +32,7 @@ class Race:
         self.display = RaceDisplay(scenario, track, addresses, console)
         self.race = MadeUpRace(self.result.take, self.display.take)
 
-    def look(self, time, crossings=0, rotor_losses=(), **status):
+    def look(self, time, crossings=0, rotor_losses=(), delay=0.0, **status):
         seen = tuple(
             GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
         )
@@ -47,6 +47,7 @@ class Race:
             gate_map=GateMap(),
             lap_plan=NO_PLAN,
             rotor_losses=np.array(rotor_losses),
+            path_clock=np.array([0.0, delay, *[0.0] * 4]),
         )
 
     def fly(self):
@@ -81,10 +82,21 @@ def test_a_log_where_there_is_no_terminal():
     assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
     assert lines[-2:] == [
         "Finished: mean lap 10.00 s, best 10.00 s (the original system, from rest to rest: "
-        "mean 40.60 s); 12 s of work, 2.5 x real time.",
+        "mean 40.60 s); 12 s to simulate, 2.5 x real time.",
         "Results: runs/here",
     ]
     assert "\x1b" not in console.file.getvalue()
+
+
+def test_a_lap_in_which_the_clock_waited_says_so():
+    console = plain()
+    race = Race(console)
+    for k, delay in ((1, 0.5), (N + 1, 0.8), (2 * N + 1, 0.8)):
+        race.look(9.5 + k, k, delay=delay, done=True)
+    assert console.file.getvalue().splitlines()[-2:] == [
+        "[   20.0 s] lap 1: 10.00 s, in which the clock waited 0.30 s",
+        "[   30.0 s] lap 2: 10.00 s",
+    ]
 
 
 def test_a_live_line_on_a_terminal():
@@ -142,7 +154,10 @@ def test_a_race_that_does_not_finish():
     race = Race(console)
     race.look(9.0, 5, done=True)
     race.display.print_summary(race.result.data(1.0, "interrupted"), "runs/here")
-    assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
+    assert (
+        "Did not finish: interrupted; 1 s to simulate, 9.0 x real time.\n"
+        in console.file.getvalue()
+    )
     assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
 
 
@@ -305,6 +320,36 @@ def test_a_drone_that_tumbles_is_told_once():
         race.display.take(StateSample(time, truth=turning))
     (line,) = console.file.getvalue().splitlines()[2:]
     assert line.startswith("[    0.3 s] it turns at 16 rad/s, for which the plant's steps are")
+
+
+@pytest.mark.parametrize(
+    "systems, lost, lines",
+    [({"geometric_controller": "mine:make"}, False, 1), ({}, False, 0)]
+    + [({"geometric_controller": "mine:make"}, True, 0)],
+    ids=["own controller", "ours", "a rotor was lost"],
+)
+def test_moments_of_the_wrong_sign_are_told_once(systems, lost, lines):
+    console = plain()
+    race = Race(console, systems=systems)
+    race.look(0.1)
+    race.display._lost += [1] * lost
+    race.look(
+        0.6,
+        state="TAKE_OFF",
+        reason="level",
+        since=0.5,
+        events=(ExplorerEvent(0.5, "TAKE_OFF", "level"),),
+    )
+    still = as_state(np.eye(STATE_SIZE)[1])
+    for time, lean in ((0.7, 0.2), (0.9, 1.2), (1.0, 2.0)):
+        leaning = still._replace(quaternion=np.array([np.cos(lean / 2), np.sin(lean / 2), 0, 0]))
+        race.display.take(StateSample(time, truth=leaning))
+    told = [line for line in console.file.getvalue().splitlines() if "turns over" in line]
+    assert len(told) == lines
+    if lines:
+        assert (
+            "[    0.9 s] it turns over about its x axis, 0.4 s after take-off: moments" in told[0]
+        )
 
 
 @pytest.mark.parametrize("terminal", [False, True])

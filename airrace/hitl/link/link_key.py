@@ -40,6 +40,11 @@ def read_key(path: Path) -> bytes:
     return key
 
 
+def key_of(path: Path | None) -> bytes | None:
+    """Returns the key in the file that --link_key names, None if it names none; see read_key()."""
+    return None if path is None else read_key(path)
+
+
 class Seal:
     """Signs the datagrams of a sender, and checks those of others with the same key."""
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
 _LONGEST_PAUSE = 2.0  # s; from one time to the next, the pause doubles
 _PATIENCE = 120.0  # s: planning a lap takes its time
-_LAST_HEARTBEATS = 5
 # Ticks that the other side may be ahead, at least, and messages that wait for theirs, at most: more
 # are of nobody who keeps to the exchange.
 _AHEAD, _MOST_WAITING = 2, 64
@@ -189,8 +188,7 @@ def await_peer(
             if heard.value.phase in (phases.TESTING, phases.COMPILING):
                 start = now  # which may take longer than this side waits
         if endpoint.peer == 0 and (objection := endpoint.partners.objection(endpoint.now())):
-            for _ in range(_LAST_HEARTBEATS):  # so that the other side knows why, too
-                endpoint.send_heartbeat(phase, 0.0)
+            endpoint.say_last(phase, 0.0)  # so that the other side knows why, too
             raise UserError(objection)
         if now - start > timeout:
             raise UserError(_in_vain(endpoint, timeout))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # else an edit of it would have all machine code compiled ane
 _MEMORY = 15.0  # s, over which old flight is forgotten to 1 / e
 _LEAST = 2.0  # s of flight, before which nothing is said
 _MOST = 0.2  # that a factor is off one: more is another fault
-_STEP = 0.01  # factors are told in steps, so that a plan stays the same for a while
+_STEP = 0.005  # factors are told in steps, so that a plan stays the same for a while
 
 
 class LearnerMemory(NamedTuple):
@@ -106,4 +106,4 @@ class RotorLearner(LeafSystem):
         if flown >= _LEAST:
             m = self._parts(memory)
             off = np.clip(m.missing / m.thrusts, -_MOST, _MOST)
-            discrete_state.get_mutable_value(1)[:] = 1.0 + _STEP * np.floor(off / _STEP)
+            discrete_state.get_mutable_value(1)[:] = 1.0 + _STEP * np.round(off / _STEP)

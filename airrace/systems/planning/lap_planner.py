@@ -12,7 +12,7 @@ from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
 from airrace.scenario import PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
-from airrace.systems.contract import name_of
+from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
@@ -111,8 +111,11 @@ class LapPlanner(LeafSystem):
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
+            UserError: if solve takes other arguments.
         """
         LeafSystem.__init__(self)
+        check_arguments(solve, "problem")
+        check_arguments(self.solve, "problem")  # of a class of one's own
         max_speed, max_acceleration = parse_limits(config.limits)
         self._limits = FlightLimits(
             vehicle,
@@ -297,11 +300,10 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
-        limits = self._limits
+        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
         if self._factors.HasValue(context):
-            vehicle = limits.vehicle.with_thrusts(self._factors.Eval(context))
-            limits = dc.replace(limits, vehicle=vehicle)
-        problem = self.problem_of(
+            rotor_factors = self._factors.Eval(context).copy()
+        return self.problem_of(
             PlanRequest(
                 start_time=start_time,
                 gates=gates,
@@ -309,16 +311,17 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
+                rotor_factors=rotor_factors,
             )
         )
-        return dc.replace(problem, limits=limits)
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
+        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=self._limits,
+            limits=dc.replace(self._limits, vehicle=vehicle),
             style=self._style,
             always=self._always,
         )

@@ -29,6 +29,7 @@ class PlanRequest(NamedTuple):
     margins: np.ndarray
     start: np.ndarray
     old: LapPlan
+    rotor_factors: np.ndarray
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -47,6 +48,8 @@ class LapProblem(Immutable):
     #: there is no old plan.
     start: np.ndarray
     old: LapPlan  #: the LapPlan in force until then, NO_PLAN before the first
+    #: Of each rotor's thrust, by which ``limits`` differ from the vehicle's file, (n,).
+    rotor_factors: np.ndarray
     style: LapStyle = LapStyle()  #: of minimum-snap laps
     #: Whether a new plan is flown even if the old one is quicker and still fits.
     always: bool = False
@@ -57,12 +60,13 @@ class LapProblem(Immutable):
         return PlanRequest(*(getattr(self, name) for name in PlanRequest._fields))
 
     def has_same_lap(self, other: "LapProblem") -> bool:
-        """Whether the lap of another problem leads through the very same gates."""
+        """Whether another problem is of the very same gates, and of rotors as strong."""
         return (
             [gate.number for gate in self.gates] == [gate.number for gate in other.gates]
             and largest_move(self.gates, other.gates) == 0.0
             and np.array_equal(self.pylons, other.pylons)
             and np.array_equal(self.margins, other.margins)
+            and np.array_equal(self.rotor_factors, other.rotor_factors)
         )
 
 

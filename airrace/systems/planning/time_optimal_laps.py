@@ -20,7 +20,7 @@ from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_transit
 _SHARE, _PATH_SHARE = 0.99, 0.999
 _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 # Gates at which a transition joins the lap, tried in turn: from hover, and from the lap before.
-_FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4), (2, 3, 1)
+_FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4, 6), (2, 3, 1)
 # s, lost on a transition without a loop, beside the guessed time to gate 1 and the lap's on.
 _MAX_LOST = 2.0
 _SAMPLES = 50  # of the rest of the old lap

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
 from airrace.vehicle import (
-    GRAVITY,
     DRONES,
+    GRAVITY,
     RACERS,
     CameraMount,
     Drag,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airrace.betaflight.firmware import Firmware
+from airrace.betaflight.firmware import BUILD_AGAIN, Firmware
 from airrace.common.errors import UserError
 from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import ending
@@ -84,7 +84,9 @@ class FirmwareProcess:
                     )
             except OSError as e:
                 self._socket.close()
-                raise UserError(f"{firmware.program} cannot be run: {e.strerror}.") from None
+                raise UserError(
+                    f"{firmware.program} cannot be run ({e.strerror}): {BUILD_AGAIN}."
+                ) from None
 
     def close(self) -> None:
         """Ends the process."""
@@ -186,5 +188,5 @@ def steps_a_second(firmware: Firmware) -> float:
                 process.step(NO_RADIO)
             spent = time.perf_counter() - begin
             if process.problem is not None:
-                raise UserError(f"{process.problem}: `airrace betaflight build` makes it anew.")
+                raise UserError(f"{process.problem}: {BUILD_AGAIN}.")
     return _TIMED / spent

@@ -59,7 +59,8 @@ def join_betaflight(
     Args: scenario: the race. output_dir: its folder. note: shows a line.
 
     Raises:
-        UserError: if the firmware or its settings cannot be had, or cannot fly this drone.
+        UserError: if the firmware or its settings cannot be had, or cannot fly this drone; after
+            the race, if the firmware ended before it.
     """
     firmware = find_firmware()
     vehicle, _ = load_vehicle(scenario.drone)
@@ -80,6 +81,8 @@ def join_betaflight(
                 yield BetaflightTransport(process, sticks, note)
         finally:
             _keep_log(folder, output_dir, note)
+    if process.problem is not None:
+        raise UserError(f"{process.problem}; what was flown before is in {output_dir}.")
 
 
 def _keep_log(folder: Path, output_dir: Path, note: Callable[[str], object]) -> None:

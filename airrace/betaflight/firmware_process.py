@@ -28,12 +28,14 @@ _AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
 _WARM_UP, _TIMED = 0.5, 500  # s, and steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
+LEVEL = np.array((1.0, 0.0, 0.0, 0.0))  # an attitude
 
 
-# Rates are told in axes that point forward, right and down. Accelerations are what a sensor in B
-# shows, with the opposite sign.
+# Rates and attitudes are told in axes that point forward, right and down. Accelerations are what a
+# sensor in B shows, with the opposite sign.
 _SIGNS = np.array((1.0, -1.0, -1.0, -1.0, -1.0, -1.0))
-_IMU, _LEVEL = slice(1, 7), 7  # among the sensors: Betaflight's rate mode uses no attitude
+_TURNED = np.array((1.0, 1.0, -1.0, -1.0))  # quaternions
+_IMU, _ATTITUDE = slice(1, 7), slice(7, 11)  # among the sensors
 
 
 class FirmwareProcess:
@@ -62,7 +64,7 @@ class FirmwareProcess:
         self._motors = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
         self._sensors, self._channels = self._step["sensors"], self._step["channels"]
-        self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
+        self._sensors[-1] = _PRESSURE
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
         with other:
@@ -110,17 +112,20 @@ class FirmwareProcess:
         except OSError:  # where the computer prefers the other loopback
             return socket.create_connection(("::1", self.port or 0))
 
-    def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
+    def begin_step(
+        self, imu: np.ndarray, channels: Sequence[int], attitude: np.ndarray = LEVEL
+    ) -> None:
         """Lets the firmware run for a step; end_step() is to be called before the next one.
-
-        It is told of its IMU, and of nothing else that is true.
 
         Args:
             imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
             channels: of the radio, 1000 to 2000, 16 numbers.
+            attitude: R_WB as a quaternion, (4,): this firmware has no filter that finds it. Its
+                rate mode uses none.
         """
         if self.problem is None:
             np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
+            np.multiply(attitude, _TURNED, out=self._sensors[_ATTITUDE])
             self._channels[:] = channels
             with contextlib.suppress(OSError):  # end_step() says what is wrong
                 self._socket.send(self._step)

@@ -44,6 +44,8 @@ def test_who_cannot_command_it_is_told(capsys):
         ("{flight_controller: px4}", "internal, betaflight, msp:PLACE"),
         ("{flight_controller: betaflight, policy: learned}", "A policy commands the rotors"),
         ("{radio_failures: [{}]}", "radio_failures is for Betaflight"),
+        ("{betaflight_mode: angle}", "betaflight_mode is for Betaflight"),
+        ("{flight_controller: betaflight, betaflight_mode: acro}", "one of rates, angle"),
         ("{betaflight_config: team.txt}", "betaflight_config is for Betaflight"),
         ("{flight_controller: betaflight, radio_failures: [{kind: loud}]}", "one of silent"),
     ):

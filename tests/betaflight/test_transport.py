@@ -9,6 +9,7 @@ import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 import pytest
 
 from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
@@ -59,6 +60,16 @@ def test_it_takes_off_and_leaves_its_settings(firmware, tmp_path):
     assert log["motor[0]"][in_flight].mean() == pytest.approx(1539, abs=10)
     dump = (tmp_path / "a" / "betaflight.txt").read_text()
     assert "Betaflight / SITL" in dump and "set p_roll = 45" in dump
+
+
+@pytest.mark.slow
+def test_it_flies_in_its_angle_mode(firmware, tmp_path):
+    # In its rate mode, sticks that ask for angles would turn it over.
+    text = BRIEF.replace("4.0", "6.0") + "betaflight_mode: angle\n"
+    _, _, samples = fly(tmp_path / "a", text)
+    assert samples[36][3] == pytest.approx(5.0, abs=0.1)
+    assert np.hypot(*np.subtract(samples[-1], samples[36])[1:3]) > 3.0  # it is on its lap
+    assert samples[-1][0] == pytest.approx(6.0, abs=0.2)
 
 
 @pytest.mark.repeats

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from airrace.betaflight.sticks import Sticks, channel_of, needed_values
+from airrace.betaflight.sticks import Read, Sticks, needed_values
 from airrace.common.errors import UserError
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import as_plant_state, as_state
@@ -27,23 +27,23 @@ class AngleSticks(Sticks):
                     f"Betaflight's settings have {name} = {values[name]}, which its angle mode is "
                     f"not flown with: set it to {value}."
                 )
-        self._modes.append(channel_of(dump, _ANGLE, "for the angle mode"))
+        self._raise_switch(dump, _ANGLE, "for the angle mode")
         # 1/s: a rate for each angle that is missing, see its pidLevel().
         self._gain = max(0.1 * float(values["angle_p_gain"]), 0.1)
         # A stick that would ask for its greatest rate asks for the greatest angle.
         for curve in self._curves[:2]:
             curve *= float(values["angle_limit"]) / curve[-1]
 
-    def shown_attitude(self, state: np.ndarray) -> np.ndarray:
-        return as_plant_state(state).quaternion
+    def shown_attitude(self, read_state: Read) -> np.ndarray:
+        return as_plant_state(read_state()).quaternion
 
-    def command_of(self, rates: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+    def command_of(self, rates: np.ndarray, read_estimate: Read) -> np.ndarray:
         """Returns [f, roll, pitch, w_z], (N, rad, rad, rad/s), for thrust and rates, see Sticks.
 
         The angles are those at which Betaflight's loop, w = k (wanted - actual), asks for just the
         wanted rates; those that are out of reach stay at angle_limit.
         """
-        w, x, y, z = as_state(estimate).quaternion
+        w, x, y, z = as_state(read_estimate()).quaternion
         roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
         pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
         f, roll_rate, pitch_rate, yaw_rate = rates

@@ -86,8 +86,8 @@ class Betaflight(LeafSystem):
         else:
             heard = supply if self._hears_voltage else 1.0
             command = self._sticks.command_of(
-                read_vector(self._wanted, context), read_vector(self._estimate, context)
+                read_vector(self._wanted, context), lambda: read_vector(self._estimate, context)
             )
             channels = self._sticks.channels(command, heard)
-        attitude = self._sticks.shown_attitude(read_vector(self._true, context))
+        attitude = self._sticks.shown_attitude(lambda: read_vector(self._true, context))
         self._process.begin_step(imu, channels, attitude)

@@ -63,8 +63,10 @@ class FirmwareProcess:
         self._answers = 1  # that are to come: at first, of its start
         self._motors = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
-        self._sensors, self._channels = self._step["sensors"], self._step["channels"]
-        self._sensors[-1] = _PRESSURE
+        sensors, self._channels = self._step["sensors"], self._step["channels"]
+        self._imu, self._attitude = sensors[_IMU], sensors[_ATTITUDE]
+        sensors[-1] = _PRESSURE
+        self._answer = np.zeros((), _MOTORS)
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
         with other:
@@ -124,11 +126,13 @@ class FirmwareProcess:
                 rate mode uses none.
         """
         if self.problem is None:
-            np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
-            np.multiply(attitude, _TURNED, out=self._sensors[_ATTITUDE])
+            np.multiply(imu, _SIGNS, out=self._imu)
+            np.multiply(attitude, _TURNED, out=self._attitude)
             self._channels[:] = channels
-            with contextlib.suppress(OSError):  # end_step() says what is wrong
+            try:
                 self._socket.send(self._step)
+            except OSError:
+                pass  # end_step() says what is wrong
             self._answers += 1
 
     def end_step(self) -> np.ndarray:
@@ -137,20 +141,20 @@ class FirmwareProcess:
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
         while self._answers and self.problem is None:
-            message = b""
+            size = 0
             try:
-                message = self._socket.recv(4096)
+                size = self._socket.recv_into(self._answer)
             except TimeoutError:
                 self.problem = f"Betaflight has not answered for {_PATIENCE:g} s"
                 break
             except OSError:  # as at the end
                 pass
-            if not message:
+            if not size:
                 self.problem = f"Betaflight {ending(self._process.wait())}"
-            elif len(message) == _PORT.size:
-                (self.port,) = _PORT.unpack(message)
+            elif size == _PORT.size:
+                (self.port,) = _PORT.unpack_from(self._answer)
             else:
-                self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
+                self._motors = self._answer["outputs"].astype(float)
                 self._answers -= 1
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 

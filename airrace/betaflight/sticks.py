@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 
 import numpy as np
 
@@ -30,6 +30,7 @@ _NEEDED = (
 )
 _MODE = re.compile(r"^aux \d+ (\d+) (\d+) (\d+) (\d+)", re.MULTILINE)
 _ARM = 0  # number of a mode
+Read = Callable[[], np.ndarray]  # reads a vector that not all sticks need: that takes time
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left. Motors 5
 # to 8 are under them.
 _PLACES = ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -64,30 +65,44 @@ class Sticks:
         self._curves = np.array([*(_rates(axis, values) for axis in _AXES), motors])
         names = "deadband", "deadband", "yaw_deadband", "min_check"
         self._limits = np.array([*(float(values[name]) for name in names), self._most])
-        self._armed = channel_of(dump, _ARM, "that arms")
-        self._modes: list[tuple[int, int]] = []  # channels, and their values, all the time
+        self._switches = (CHANNELS - 4) * [_LOW]  # what the other channels are, when it is armed
+        self._arm = self._raise_switch(dump, _ARM, "that arms")
         self._whole = np.zeros(4, int)
         self._left = np.zeros(4)  # of what was wanted, that whole numbers could not say yet
 
+    def _raise_switch(self, dump: str, mode: int, which: str) -> int:
+        """Switches a mode on; returns the index of its channel.
+
+        Args: mode: its number. which: what is said of a channel that is missing.
+        """
+        for number, channel, low, high in _MODE.findall(dump):
+            if int(number) == mode and int(low) < int(high):
+                self._switches[int(channel)] = min(_HIGH, (int(low) + int(high)) // 2)
+                return 4 + int(channel)
+        raise UserError(
+            f"Betaflight's settings have no channel {which}: add the line "
+            f"`aux {mode} {mode} {mode} 1700 2100 0 0`."
+        )
+
     def at_rest(self, armed: bool) -> list[int]:
         """Returns channels of the radio, with its throttle down."""
-        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *(CHANNELS - 4) * [_LOW]]
-        for channel, value in [*self._modes, *(armed * [self._armed])]:
-            channels[channel] = value
+        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *self._switches]
+        if not armed:
+            channels[self._arm] = _LOW
         return channels
 
-    def shown_attitude(self, state: np.ndarray) -> np.ndarray:
+    def shown_attitude(self, read_state: Read) -> np.ndarray:
         """Returns the attitude that the firmware is told, see begin_step(); here, it uses none.
 
-        Args: state: the true one of the plant, (13,).
+        Args: read_state: returns the plant's, the true one, (13,).
         """
         return LEVEL
 
-    def command_of(self, rates: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+    def command_of(self, rates: np.ndarray, read_estimate: Read) -> np.ndarray:
         """Returns what channels() takes, (4,), for thrust and rates; here, these themselves.
 
-        Args: rates: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,). estimate:
-        vector of the drone's estimated State, (14,).
+        Args: rates: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,).
+        read_estimate: returns the vector of the drone's estimated State, (14,).
         """
         return rates
 
@@ -112,9 +127,7 @@ class Sticks:
             supply: the battery's voltage, see Pack.
         """
         _set_sticks(self._whole, self._left, command, supply, self._curves, self._limits)
-        channels = self.at_rest(armed=True)
-        channels[:4] = self._whole.tolist()
-        return channels
+        return [*self._whole.tolist(), *self._switches]
 
     def rotor_speeds(self, outputs: np.ndarray, supply: float = 1.0) -> np.ndarray:
         """Returns the rotor speeds (rad/s) that the motors make for, (n,).
@@ -275,17 +288,3 @@ def needed_values(dump: str, names: Set[str]) -> dict[str, str]:
             "Betaflight than the one of `airrace betaflight build`."
         )
     return values
-
-
-def channel_of(dump: str, mode: int, which: str) -> tuple[int, int]:
-    """Returns the index of the channel that switches a mode on, and the value that does.
-
-    Args: mode: its number. which: what is said of a channel that is missing.
-    """
-    for number, channel, low, high in _MODE.findall(dump):
-        if int(number) == mode and int(low) < int(high):
-            return 4 + int(channel), min(_HIGH, (int(low) + int(high)) // 2)
-    raise UserError(
-        f"Betaflight's settings have no channel {which}: add the line "
-        f"`aux {mode} {mode} {mode} 1700 2100 0 0`."
-    )

@@ -63,7 +63,7 @@ class FirmwareProcess:
         self.problem: str | None = None
         self.port: int | None = None
         self._answers = 1  # that are to come: at first, of its start
-        self._motors = np.zeros(CHANNELS)
+        self._motors: np.ndarray = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
         sensors, self._channels = self._step["sensors"], self._step["channels"]
         self._imu, self._attitude = sensors[_IMU], sensors[_ATTITUDE]

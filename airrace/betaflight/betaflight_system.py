@@ -38,7 +38,8 @@ class Betaflight(LeafSystem):
 
     While the simulation makes a step, the firmware makes its own, from what was true at its
     beginning. So the motors hear of it one period later. The firmware remembers outside of the
-    Context: time only goes forwards, and a race is built anew to be flown again.
+    Context, and so does the battery, which would otherwise be the only one of the two to go back
+    with it: time only goes forwards, and a race is built anew to be flown again.
     """
 
     def __init__(

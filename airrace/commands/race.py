@@ -72,8 +72,6 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if options.simulation == MAVLINK:
         raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "HITL":
-        if race_scenario(options).flight_controller != INTERNAL:
-            raise UserError("Betaflight is flown in this process: leave out -s HITL.")
         return fly_hitl(options, quiet)
     for name in ("companion", "identity", "wheels", "lcm_url", "link_key", "lockstep"):
         if getattr(options, name):

@@ -36,7 +36,7 @@ def test_without_it_a_race_names_the_remedy(monkeypatch, tmp_path, capsys):
     assert main([*race, "--no-meshcat", "--map", "track", "--renderer", "none"]) == 2
     assert "airrace betaflight build" in capsys.readouterr().err
     assert main([*race, "-s", "HITL"]) == 2
-    assert "leave out -s HITL" in capsys.readouterr().err
+    assert "without -s" in capsys.readouterr().err
 
 
 def test_who_cannot_command_it_is_told(capsys):

@@ -37,6 +37,7 @@ from airrace.league.page import PAGE, write_page
 from airrace.scenario import Scenario, imu_config
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
+from airrace.systems.estimation.rotor_learner import RotorLearner
 
 _MEASUREMENTS = Path(__file__).parent / "measurements"
 _SEASON = "season"  # in docs/ and in what is built
@@ -247,6 +248,13 @@ def port_meanings(scenario: Scenario) -> dict[str, tuple[float | None, str, str]
         ),
         "filtered_estimate": (control, "", "State, filtered, and predicted to now"),
         "disturbance": (control, "", "acceleration that nothing explains, in W (m/s²)"),
+        "disturbance_moment": (control, "", "likewise a moment, in B (N m)"),
+        "rotor_factors": (
+            RotorLearner.RATE,
+            "",
+            "by what the thrust of each rotor, as in the drone's file, is to be multiplied",
+        ),
+        "path_clock": (control, "", "PathClock: how far plans wait for the drone"),
         "rotor_speeds": (rotors, "", "as measured, one a rotor (rad/s)"),
         "rotor_status": (
             rotors,

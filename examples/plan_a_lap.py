@@ -29,9 +29,7 @@ max_speed = float(sys.argv[2]) if len(sys.argv) > 2 else 20.0
 max_acceleration = float(sys.argv[3]) if len(sys.argv) > 3 else 10.0
 
 vehicle, _ = airrace.load_vehicle("Default")
-limits = FlightLimits(  # a tenth of the thrust is left to the controller
-    vehicle, thrust_share=0.9, max_speed=max_speed, max_acceleration=max_acceleration
-)
+limits = FlightLimits(vehicle, max_speed=max_speed, max_acceleration=max_acceleration)
 clearance = clearance_of(vehicle.radius)  # m, from the axis of each pylon
 constraints = FlightConstraints(track.pylons()[:, :2], clearance, limits)
 

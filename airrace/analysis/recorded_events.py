@@ -50,6 +50,7 @@ def recorded_events(run: "Run", pictures: bool = True) -> Iterator[events.RaceEv
         "/estimator": _estimate,
         "/map": _map,
         "/plan": _plan,
+        "/plan/clock": lambda time, m: events.ClockWaits(time, m["delay"], m["goes_on"]),
         "/explorer/status": _explorer,
         "/referee/crossings": lambda time, m: events.GateCrossed(time, GateCrossing(**m)),
     }

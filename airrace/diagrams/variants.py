@@ -11,6 +11,8 @@ from airrace.diagrams.wiring import Port
 from airrace.scenario import BETAFLIGHT, INTERNAL, NO_POLICY, TRUTH, VIO, Scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rate_controller import RateController
+from airrace.systems.estimation.moment_observer import MomentObserver
+from airrace.systems.estimation.rotor_learner import RotorLearner
 from airrace.systems.estimation.state_filter import make_state_filter
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.failsafe.rotor_monitor import RotorMonitor
@@ -18,6 +20,7 @@ from airrace.systems.mapping.gate_mapper import GateMapper
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
 from airrace.systems.perception.aruco_detector import ArucoDetector
 from airrace.systems.planning.lap_planner import LapPlanner
+from airrace.systems.planning.path_governor import PathGovernor
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.systems.policy.command_switch import CommandSwitch
 from airrace.systems.policy.policy_controller import PolicyController
@@ -64,6 +67,9 @@ _COMMON = Variant(
         "aruco_detector": ArucoDetector.from_scenario,
         "lap_planner": LapPlanner.from_scenario,
         "trajectory_tracker": lambda scenario: TrajectoryTracker(),
+        "rotor_learner": RotorLearner.from_scenario,
+        "path_governor": PathGovernor.from_scenario,
+        "moment_observer": MomentObserver.from_scenario,
         "rotor_monitor": RotorMonitor.from_scenario,
         "geometric_controller": GeometricController.from_scenario,
     },
@@ -79,13 +85,25 @@ _COMMON = Variant(
     outputs={
         **_made_by("geometric_controller", "rotor_speed_command", "negative_thrusts"),
         **_made_by("trajectory_tracker", "reference"),
+        **_made_by("rotor_learner", "rotor_factors"),
+        **_made_by("path_governor", "path_clock"),
+        **_made_by("moment_observer", "disturbance_moment"),
         **_made_by("rotor_monitor", "rotor_losses"),
         **_made_by("lap_planner", "lap_plan"),
         **_made_by("explorer", "exploration_reference", "explorer_status"),
         **_made_by("aruco_detector", "detections"),
     },
     optional=frozenset({"estimate_fault", "estimate_drift", "policy_status", "negative_thrusts"}),
-    pilot=frozenset({"trajectory_tracker", "rotor_monitor", "geometric_controller"}),
+    pilot=frozenset(
+        {
+            "rotor_learner",
+            "path_governor",
+            "trajectory_tracker",
+            "moment_observer",
+            "rotor_monitor",
+            "geometric_controller",
+        }
+    ),
 )
 # The simulator tells the drone where it is, with a little noise.
 _TRUTH = _COMMON | Variant(

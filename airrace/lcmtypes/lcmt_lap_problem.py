@@ -12,11 +12,11 @@ import airrace.lcmtypes
 class lcmt_lap_problem(object):
     """ See PlanRequest in airrace/systems/planning/laps.py. """
 
-    __slots__ = ["start_time", "num_gates", "gates", "num_pylons", "pylons", "margins", "start", "old"]
+    __slots__ = ["start_time", "num_gates", "gates", "num_pylons", "pylons", "margins", "start", "old", "num_rotors", "rotor_factors"]
 
-    __typenames__ = ["double", "int32_t", "airrace.lcmtypes.lcmt_gate_estimate", "int32_t", "double", "double", "double", "airrace.lcmtypes.lcmt_lap_plan"]
+    __typenames__ = ["double", "int32_t", "airrace.lcmtypes.lcmt_gate_estimate", "int32_t", "double", "double", "double", "airrace.lcmtypes.lcmt_lap_plan", "int32_t", "double"]
 
-    __dimensions__ = [None, None, ["num_gates"], None, ["num_pylons", 2], ["num_pylons"], [5, 4], None]
+    __dimensions__ = [None, None, ["num_gates"], None, ["num_pylons", 2], ["num_pylons"], [5, 4], None, None, ["num_rotors"]]
 
     def __init__(self):
         self.start_time = 0.0
@@ -51,6 +51,10 @@ class lcmt_lap_problem(object):
         LCM Type: airrace.lcmtypes.lcmt_lap_plan
         """
 
+        self.num_rotors = 0
+        """ LCM Type: int32_t """
+        self.rotor_factors = []
+        """ LCM Type: double[num_rotors] """
 
     def encode(self):
         buf = BytesIO()
@@ -71,6 +75,8 @@ class lcmt_lap_problem(object):
             buf.write(struct.pack('>4d', *self.start[i0][:4]))
         assert self.old._get_packed_fingerprint() == airrace.lcmtypes.lcmt_lap_plan._get_packed_fingerprint()
         self.old._encode_one(buf)
+        buf.write(struct.pack(">i", self.num_rotors))
+        buf.write(struct.pack('>%dd' % self.num_rotors, *self.rotor_factors[:self.num_rotors]))
 
     @staticmethod
     def decode(data: bytes):
@@ -98,13 +104,15 @@ class lcmt_lap_problem(object):
         for i0 in range(5):
             self.start.append(struct.unpack('>4d', buf.read(32)))
         self.old = airrace.lcmtypes.lcmt_lap_plan._decode_one(buf)
+        self.num_rotors = struct.unpack(">i", buf.read(4))[0]
+        self.rotor_factors = struct.unpack('>%dd' % self.num_rotors, buf.read(self.num_rotors * 8))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_lap_problem in parents: return 0
         newparents = parents + [lcmt_lap_problem]
-        tmphash = (0xf5f897679ec5551b+ airrace.lcmtypes.lcmt_gate_estimate._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_lap_plan._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xa8ab88cb242083cb+ airrace.lcmtypes.lcmt_gate_estimate._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_lap_plan._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

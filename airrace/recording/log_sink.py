@@ -118,6 +118,11 @@ class LogSink:
         self._log.write("/plan/scene", event.time, scene)
 
     @take.register
+    def _(self, event: events.ClockWaits) -> None:
+        data = {"delay": event.delay, "goes_on": event.goes_on}
+        self._log.write("/plan/clock", event.time, data)
+
+    @take.register
     def _(self, event: events.ExplorerChanged) -> None:
         data = json_topics.status_data(event.status, event.entered)
         self._log.write("/explorer/status", event.time, data)

@@ -11,6 +11,7 @@ from airrace.recording.json_topics import estimate_error
 from airrace.recording.race_events import RaceEvent
 from airrace.systems.estimation.error_state import AT
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.planning.path_clock import as_clock
 from airrace.systems.sensing.contact_sensor import as_contacts
 from airrace.systems.types import ExplorerEvent
 from airrace.vehicle.state import as_plant_state, as_state
@@ -23,6 +24,10 @@ KEYS: dict[str, tuple[Callable[[Any], Any], Any]] = {
     "truth.referee_status": (lambda status: (len(status.crossings), status.over), (0, False)),
     "gate_map": (lambda gate_map: gate_map, None),  # equal only to itself
     "lap_plan": (lambda plan: (plan.lap, plan.start_time), (NO_PLAN.lap, NO_PLAN.start_time)),
+    "path_clock": (
+        lambda clock: [as_clock(clock).delay, not as_clock(clock).is_regular],
+        [0.0, False],
+    ),
     "explorer_status": (
         lambda s: (s.state, s.since, len(s.events), s.reason, s.gates, s.closed_at, s.done),
         ("", 0.0, 0, "", (), None, False),
@@ -74,6 +79,9 @@ class Changes:
                 yield events.MapChanged(time, gate_map, drone=drone)
         for plan, _ in new("lap_plan"):
             yield events.PlanMade(time, plan, drone=drone)
+        for clock, _ in new("path_clock"):
+            delay, goes_on = KEYS["path_clock"][0](clock)
+            yield events.ClockWaits(time, delay, goes_on, drone=drone)
         for status, before in new("explorer_status"):
             entered = _states_entered(status, *before[:3])
             yield events.ExplorerChanged(time, status, entered, drone=drone)

@@ -128,6 +128,14 @@ class PlanMade(DroneEvent):
 
 
 @dc.dataclass(frozen=True, eq=False)
+class ClockWaits(DroneEvent):
+    """The clock of plans waits for the drone, or has waited; see PathGovernor."""
+
+    delay: float  #: of plans, all in all (s)
+    goes_on: bool  #: whether it still waits
+
+
+@dc.dataclass(frozen=True, eq=False)
 class ExplorerChanged(DroneEvent):
     """The explorer has got further."""
 

@@ -22,6 +22,7 @@ class LapJson(TypedDict):
     lap: int  # from 1
     start_s: float
     time_s: float
+    waited_s: NotRequired[float]  # by how much the clock of plans waited for the drone, if it did
     gate_times_s: list[float]  # of all gates, since gate 1
     gate_offsets_m: list[float]  # of all gates, from their midpoints
     max_speed: float

@@ -45,7 +45,7 @@ class RaceObserver(LeafSystem):
         - state_estimate, filtered_estimate, disturbance, imu, reference
         - rotor_speeds, rotor_speed_command, rotor_losses, negative_thrusts
         - camera_view, camera_image_time, camera_info, detections
-        - slam_state, gate_map, lap_plan, explorer_status, policy_status
+        - slam_state, gate_map, lap_plan, path_clock, explorer_status, policy_status
 
     All are as the systems that they come from describe them; all but the first may be missing. The
     log and the page get events at their rates. The loop that flies the race asks for what has

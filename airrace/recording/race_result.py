@@ -59,6 +59,7 @@ class RaceResult:
         self._policy_events = list[dict]()
         self._plans = dict[int, LapPlan]()  # by the first lap flown on it
         self._map_rms = dict[int, float | None]()  # by lap (m)
+        self._delay, self._delays = 0.0, [0.0]  # of plans: now, and at the start of each lap (s)
         self._negative_thrusts = 0
         self._losses = dict[int, float]()  # number of a rotor, from 1, to when it was noticed (s)
 
@@ -82,6 +83,8 @@ class RaceResult:
                 self._map = event.gate_map
             case events.PlanMade():
                 self._plans[event.plan.lap] = event.plan
+            case events.ClockWaits():
+                self._delay = event.delay
             case events.ExplorerChanged():
                 self._explorer = event.status
                 self._entered += event.entered
@@ -96,6 +99,8 @@ class RaceResult:
             case events.GateCrossed():
                 laps_before = self.laps_flown
                 self._crossings.append(event.crossing)
+                if event.crossing.gate == 1:
+                    self._delays[self.laps_flown :] = [self._delay]
                 if self.laps_flown > laps_before:
                     self._map_rms[self.laps_flown] = self._map_error()
 
@@ -188,10 +193,12 @@ class RaceResult:
         n = len(self._track.gates)
         crossings = self._crossings[n * (lap - 1) : n * lap + 1]
         start, (number, summary) = crossings[0].time, self._plan_of(lap)
+        waited = self._delays[lap] - self._delays[lap - 1]
         return {
             "lap": lap,
             "start_s": start,
             "time_s": crossings[-1].time - start,
+            **({"waited_s": waited} if waited else {}),
             "gate_times_s": [c.time - start for c in crossings[:-1]],
             "gate_offsets_m": [c.offset for c in crossings[:-1]],
             "max_speed": max(c.max_speed for c in crossings[1:]),

@@ -51,20 +51,15 @@ def true_vehicle(vehicle: Vehicle, config: DisturbancesConfig, seed: int) -> Veh
     """Returns the drone that is simulated, where the autonomy knows ``vehicle``.
 
     The moments of inertia share one factor, so that no error breaks their
-    triangle inequality. A rotor's greatest thrust follows its coefficient: the
-    speed limit is the motor's and stays.
+    triangle inequality.
     """
     errors = make_generator(seed, "vehicle").uniform(-1.0, 1.0, 2 + len(vehicle.rotors)).tolist()
     inertia = 1.0 + config.inertia_error * errors[1]
     thrusts = [1.0 + config.thrust_coefficient_error * error for error in errors[2:]]
     return dc.replace(
-        vehicle,
+        vehicle.with_thrusts(thrusts),
         mass=vehicle.mass * (1.0 + config.mass_error * errors[0]),
         inertia=[J * inertia for J in vehicle.inertia],
-        rotors=[
-            dc.replace(r, thrust_coefficient=r.thrust_coefficient * k, max_thrust=r.max_thrust * k)
-            for r, k in zip(vehicle.rotors, thrusts)
-        ],
     )
 
 

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import math
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,17 @@ class Vehicle:
     def max_speeds(self) -> np.ndarray:
         """Speed limit of every rotor (rad/s), shape (n,)."""
         return np.sqrt(self.max_thrusts / self.thrust_coefficients)
+
+    def with_thrusts(self, factors: Iterable[float]) -> "Vehicle":
+        """Returns the drone with each rotor's thrust multiplied by a factor.
+
+        A rotor's greatest thrust follows its coefficient: the speed limit is the motor's and stays.
+        """
+        rotors = [
+            dc.replace(r, thrust_coefficient=r.thrust_coefficient * k, max_thrust=r.max_thrust * k)
+            for r, k in zip(self.rotors, factors)
+        ]
+        return dc.replace(self, rotors=rotors)
 
     @property
     def radius(self) -> float:

@@ -80,6 +80,7 @@ class PageSink:
         self._truth: State | None = None
         self._detections, self._taken = Detections(), -1.0
         self._status, self._racing = ExplorerStatus(), False
+        self._told_delay = 0.0  # s, of plans
         self._shown_status = dict[str, object]()
         self._ellipsoids: dict[int, np.ndarray] = {}  # marker ID to place and radii, (6,)
 
@@ -124,6 +125,12 @@ class PageSink:
             samples = plan.circuit.sample(np.linspace(0.0, plan.circuit.duration, count))
             arrows = frame_arrows(body_frames(samples))
             self._meshcat.SetTriangleColorMesh(f"plans/lap_{plan.lap}", *arrows)
+
+    @take.register
+    def _(self, event: events.ClockWaits) -> None:
+        if not event.goes_on:
+            waited, self._told_delay = event.delay - self._told_delay, event.delay
+            self._record.add(EVENTS, event.time, text=f"the clock waited {waited:.2f} s here")
 
     def _show_status(self, time: float) -> None:
         status = self._status

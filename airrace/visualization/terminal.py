@@ -71,6 +71,7 @@ class RaceDisplay:
         self._tumbled = self._pulled = self._over = False
         self._took_off = np.inf  # s
         self._lap_start = 0.0  # s
+        self._delay = self._lap_delay = 0.0  # of plans, and at the start of the lap (s)
         self._live: Progress | None = None
 
     def announce(self, what: str) -> None:
@@ -163,15 +164,18 @@ class RaceDisplay:
                     "the controller asks for a negative thrust, which counts as none: rotors "
                     "only push, up along the body's z axis",
                 )
+            case events.ClockWaits():
+                self._delay = event.delay
             case events.GateCrossed():
                 crossing = event.crossing
                 if crossing.gate == 1 and self._crossings:
-                    lap = self._crossings // self._gates
+                    lap, waited = self._crossings // self._gates, self._delay - self._lap_delay
+                    words = f", in which the clock waited {waited:.2f} s" if waited else ""
                     self._print_at(
-                        crossing.time, f"lap {lap}: {crossing.time - self._lap_start:.2f} s"
+                        crossing.time, f"lap {lap}: {crossing.time - self._lap_start:.2f} s{words}"
                     )
                 if crossing.gate == 1:
-                    self._lap_start = crossing.time
+                    self._lap_start, self._lap_delay = crossing.time, self._delay
                 self._crossings += 1
             case events.StateSample():
                 self._warn_of_wrong_moments(event)

@@ -18,7 +18,7 @@ from airrace.track import load_track
 from airrace.visualization.ghosts import record_of
 from airrace.visualization.live_page import LivePage
 from airrace.visualization.race_record import FRAME
-from tests.worlds.made_up_run import FIRST, GATES, LAP, crossings, flight, make_run
+from tests.worlds.made_up_run import FIRST, GATES, LAP, WAITED, crossings, flight, make_run
 
 
 def frames(batch):
@@ -81,6 +81,8 @@ def test_events_are_those_that_were_written(run):
         np.testing.assert_array_equal(sample.rotor_speeds, 40.0)
     crossed = [event.crossing for event in happened if isinstance(event, GateCrossed)]
     assert crossed == crossings(2)
+    waits = [event for event in happened if isinstance(event, events.ClockWaits)]
+    assert [(event.delay, event.goes_on) for event in waits] == [(WAITED, True), (WAITED, False)]
     assert len([event for event in happened if isinstance(event, events.Picture)]) == 60
     assert not [e for e in recorded_events(run, False) if isinstance(e, events.Picture)]
 
@@ -89,6 +91,7 @@ def test_the_page_of_a_run_ends_as_its_race(run):
     made = record_of(run).whole()
     times = [each["t"] for each in made["crossings"]]
     np.testing.assert_allclose(times, FIRST + LAP / GATES * np.arange(2 * GATES + 1), atol=1e-3)
+    assert "the clock waited 0.30 s here" in [each["text"] for each in made["events"]]
     assert made["over"]["finished"] is True and made["over"]["exploration"] == 1.5
     assert made["over"]["t"] == pytest.approx(run.state["time"].iloc[-1], abs=1e-3)
 

@@ -186,7 +186,7 @@ def test_light_draws_no_pictures(path):
 
 
 def test_what_is_new_is_written_once(path):
-    recording = Recording(path)
+    recording = Recording(path, {"path_clock": np.zeros(6)})
     recording.fly(0.05)
     event = ExplorerEvent(0.01, "HOVER", "looking")
     rest = FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
@@ -195,12 +195,14 @@ def test_what_is_new_is_written_once(path):
         gate_map=GateMap(time=0.04),
         explorer_status=ExplorerStatus(events=(event,)),
         lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, PlanSummary()),
+        path_clock=[0.04, 0.3, 0.1, 0.0, 0.0, 0.0],
     )
     recording.fly(2.5)
     messages = recording.messages()
     for topic in ("/scene", "/detections", "/detections/rays", "/plan", "/plan/scene"):
         assert len(messages[topic]) == 1, topic
     assert [m["map"]["time_s"] for _, m in messages["/map"]] == [None, 0.04]
+    assert [m for _, m in messages["/plan/clock"]] == [{"delay": 0.3, "goes_on": True}]
     lines = [(line.name, line.message) for _, line in messages["/explorer"]]
     assert lines == [("CALIBRATE", "power on"), ("HOVER", "looking")]
 

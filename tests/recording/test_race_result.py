@@ -48,7 +48,17 @@ class Watched(RaceResult):
         super().__init__(*args, **kwargs)
         self._race = MadeUpRace(self.take)
 
-    def look(self, time, referee, explorer, gate_map=None, plan=NO_PLAN, losses=(), shifts=None):
+    def look(
+        self,
+        time,
+        referee,
+        explorer,
+        gate_map=None,
+        plan=NO_PLAN,
+        losses=(),
+        shifts=None,
+        clock=None,
+    ):
         """Returns how many laps have ended since the last look."""
         before = self.laps_flown
         self._race.look(
@@ -59,6 +69,7 @@ class Watched(RaceResult):
             lap_plan=plan,
             rotor_losses=np.array(losses),
             gate_shifts=shifts,
+            path_clock=clock,
         )
         return self.laps_flown - before
 
@@ -285,6 +296,16 @@ def test_a_plan_that_is_flown_twice_counts_twice():
     laps = result.data(1.0)["laps"]
     assert [lap["plan"]["duration_s"] for lap in laps] == [19.0, 18.0, 18.0]
     assert [lap["plan"]["number"] for lap in laps] == [1, 2, 2]
+
+
+def test_a_lap_says_how_long_the_clock_waited():
+    result = Watched(Scenario(), TRACK)
+    clock = np.zeros(6)
+    result.look(99.0, referee(0), RACING, clock=clock)
+    for lap, delay in ((0, 0.2), (1, 0.5), (2, 0.5)):
+        clock[1:3] = delay, 0.1
+        result.look(101.0 + 20.0 * lap, referee(lap * N + 1), RACING, clock=clock)
+    assert [lap.get("waited_s") for lap in result.data(1.0)["laps"]] == [pytest.approx(0.3), None]
 
 
 def test_a_lap_without_a_plan():

@@ -86,6 +86,9 @@ def test_what_happens_is_shown_once(shown):
         events.ExplorerChanged(0.1, then, tuple(entered[1:])),
         events.ExplorerChanged(0.2, then, ()),
         events.GateCrossed(0.2, crossing),
+        events.ClockWaits(0.3, 0.1, True),
+        events.ClockWaits(0.4, 0.25, False),
+        events.ClockWaits(0.6, 0.35, False),
     )
     assert [(each["state"], each["gates"], each["racing"]) for each in made["status"]] == [
         ("TAKE_OFF", 0, False),
@@ -100,6 +103,8 @@ def test_what_happens_is_shown_once(shown):
         "plan for lap 1: 4.00 s",
         "fly to gate: why",
         "gate 1: 0.25 m off its middle",
+        "the clock waited 0.25 s here",
+        "the clock waited 0.10 s here",
     ]
 
 

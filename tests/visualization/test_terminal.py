@@ -32,7 +32,7 @@ class Race:
         self.display = RaceDisplay(scenario, track, addresses, console)
         self.race = MadeUpRace(self.result.take, self.display.take)
 
-    def look(self, time, crossings=0, rotor_losses=(), **status):
+    def look(self, time, crossings=0, rotor_losses=(), delay=0.0, **status):
         seen = tuple(
             GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
         )
@@ -47,6 +47,7 @@ class Race:
             gate_map=GateMap(),
             lap_plan=NO_PLAN,
             rotor_losses=np.array(rotor_losses),
+            path_clock=np.array([0.0, delay, *[0.0] * 4]),
         )
 
     def fly(self):
@@ -85,6 +86,17 @@ def test_a_log_where_there_is_no_terminal():
         "Results: runs/here",
     ]
     assert "\x1b" not in console.file.getvalue()
+
+
+def test_a_lap_in_which_the_clock_waited_says_so():
+    console = plain()
+    race = Race(console)
+    for k, delay in ((1, 0.5), (N + 1, 0.8), (2 * N + 1, 0.8)):
+        race.look(9.5 + k, k, delay=delay, done=True)
+    assert console.file.getvalue().splitlines()[-2:] == [
+        "[   20.0 s] lap 1: 10.00 s, in which the clock waited 0.30 s",
+        "[   30.0 s] lap 2: 10.00 s",
+    ]
 
 
 def test_a_live_line_on_a_terminal():

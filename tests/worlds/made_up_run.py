@@ -23,6 +23,7 @@ GATES, LAP, FIRST = 10, 5.0, 2.0  # gates; s a lap; s, when gate 1 is crossed fi
 OFF = 0.03  # m, off the reference, to the left
 TURN_RATE, RADIUS = 2 * np.pi / LAP, 30.0
 MAP_ERROR = 0.02  # m, in x, of every marker
+WAITED = 0.3  # s, of the second lap, by the clock of plans
 
 
 def flight(time):
@@ -76,6 +77,7 @@ def race_json(laps, finished=True):
                 "lap": k + 1,
                 "start_s": flown[GATES * k].time,
                 "time_s": LAP,
+                **({"waited_s": WAITED} if k == 1 else {}),
                 "gate_times_s": [LAP / GATES * i for i in range(GATES)],
                 "gate_offsets_m": [0.1] * GATES,
                 "max_speed": 20.0,
@@ -174,6 +176,8 @@ def write_log(log, laps, rotors=4):
             "polynomials": [rest, rest],
         },
     )
+    for time, goes_on in ((FIRST + 1.2 * LAP, True), (FIRST + 1.5 * LAP, False)):
+        log.write("/plan/clock", time, {"delay": WAITED, "goes_on": goes_on})
     log.write("/explorer", 0.0, foxglove_messages.log(0.0, "CALIBRATE", "power on"))
     log.write("/explorer", 0.5, foxglove_messages.log(0.5, "TAKE_OFF", "level: taking off"))
 

@@ -18,7 +18,6 @@ from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import State
 
-_THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 
@@ -74,9 +73,7 @@ def make_parameters(vehicle: Vehicle, attitude_error: str, gains: str) -> Contro
         k_v=k_v,
         k_R=k_R,
         k_w=k_w,
-        max_force=_THRUST_SHARE
-        * Remaining(vehicle, np.ones(len(vehicle.rotors), bool)).max_lift
-        / vehicle.mass,
+        max_force=Remaining(vehicle, np.ones(len(vehicle.rotors), bool)).max_lift / vehicle.mass,
         reduced=attitude_error == "reduced",
     )
 

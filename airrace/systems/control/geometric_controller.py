@@ -42,6 +42,7 @@ class GeometricController(LeafSystem):
         - reference
         - filtered_estimate
         - disturbance
+        - disturbance_moment (may be left open: there is none)
         - rotor_speeds
         - rotor_losses
         output_ports:
@@ -50,7 +51,8 @@ class GeometricController(LeafSystem):
 
     ``reference``: a trajopt.Reference (18); ``filtered_estimate``: a vehicle.State
     (14); ``disturbance``: an acceleration to lean against (m/s^2,
-    in the world), see StateFilter; ``rotor_speeds`` as measured, and
+    in the world), see StateFilter; ``disturbance_moment``: likewise a moment
+    (N m, in B), see MomentObserver; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
     ``rotor_losses``: see RotorMonitor. ``rate_command``, for a flight controller that makes rotor
     speeds of it: [f, w_x, w_y, w_z], thrust (N) and rates in B (rad/s), (4,), see set_rates().
@@ -90,7 +92,7 @@ class GeometricController(LeafSystem):
             feed_forward: whether to use the reference's jerk, snap, and yaw
                 rates; without, the desired angular velocity and acceleration
                 are zero, as in the original system.
-            disturbance_rejection: whether to lean against the disturbance.
+            disturbance_rejection: whether to lean against the disturbance and its moment.
             attitude_error: "reduced", the tilt before the yaw, or "lee", the
                 paper's law; see lee_wrench().
             gains: "vehicle", or "original" for the original system's, the vehicle's
@@ -121,6 +123,7 @@ class GeometricController(LeafSystem):
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
+        self._moment = self.DeclareVectorInputPort("disturbance_moment", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
         state = self.DeclareDiscreteState(n)
@@ -148,15 +151,18 @@ class GeometricController(LeafSystem):
 
     def _update_command(self, context, discrete_state):
         remaining = self._remaining(read_vector(self._losses, context).tobytes())
-        estimate, disturbance = read_vector(self._estimate, context), _NONE
+        estimate, disturbance, moment = read_vector(self._estimate, context), _NONE, _NONE
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
+            if self._moment.HasValue(context):
+                moment = read_vector(self._moment, context)
         if remaining.can_fly:
             reference = self._reference.Eval(context)
             _lean(reference, disturbance, self._feed_forward)
             wrench = self.calc_wrench(reference, estimate)
             if self._own is not None:
                 wrench = self._own.checked(wrench, reference, estimate, discrete_state)
+            wrench = wrench - np.array((0.0, *moment))
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:

@@ -18,6 +18,7 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
+from airrace.systems.planning.path_clock import CLOCK_SIZE, as_clock
 from airrace.systems.planning.plan_checks import check_plan
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
@@ -58,6 +59,8 @@ class LapPlanner(LeafSystem):
         - explorer_status
         - exploration_reference
         - policy_status (may be left open: nobody else flies)
+        - path_clock (may be left open: plans never wait)
+        - rotor_factors (may be left open: the drone is as in its file)
         output_ports:
         - lap_plan
 
@@ -70,7 +73,8 @@ class LapPlanner(LeafSystem):
     once a lap each, so late that the map is fresh, and so early that the plan is in force
     when the last gate has been passed. None is planned for after the end of the race.
 
-    **When does a plan come into force?** One declared latency after its map was taken. It
+    **When does a plan come into force?** One declared latency after its map was taken, by the clock
+    of plans, which may wait for the drone: see PathGovernor. It
     continues from the state that the old plan has at that time. A plan from another process
     that comes too late is not flown; the next one is asked for earlier.
 
@@ -133,6 +137,8 @@ class LapPlanner(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._policy = self.DeclareAbstractInputPort("policy_status", Value[object]())
+        self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
+        self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
@@ -188,17 +194,22 @@ class LapPlanner(LeafSystem):
     def _recall(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _in_force_from(self, memory: _Memory, now: float) -> float:
-        """Returns when a plan that is searched for now comes into force (s)."""
-        periods = np.ceil((now + memory.latency - self._offset) / self._period - 1e-6)
-        return float(periods * self._period + self._offset)
+    def _delay(self, context: Context) -> float:
+        """Returns how far the clock of plans is behind (s); all times below are by that clock."""
+        return as_clock(self._clock.Eval(context)).delay if self._clock.HasValue(context) else 0.0
+
+    def _in_force_from(self, context: Context, latency: float) -> float:
+        """Returns when a plan that is searched for now comes into force (s): at an event."""
+        due = context.get_time() + latency - self._offset
+        periods = np.ceil(due / self._period - 1e-6)
+        return float(periods * self._period + self._offset) - self._delay(context)
 
     def _switch(self, context, state):
-        memory = self._recall(context)
-        return self._remember(state, memory, _switched(memory, context.get_time()))
+        memory, now = self._recall(context), context.get_time() - self._delay(context)
+        return self._remember(state, memory, _switched(memory, now))
 
     def _update(self, context, state):
-        memory, now = self._recall(context), context.get_time()
+        memory, now = self._recall(context), context.get_time() - self._delay(context)
         after = self._next(context, memory, now)
         return self._remember(state, memory, _switched(after, now))
 
@@ -226,7 +237,7 @@ class LapPlanner(LeafSystem):
             return dc.replace(after, latency=latency, searched=None)
         if not self._is_due(context, memory, now):
             return memory
-        start_time = self._in_force_from(memory, now)
+        start_time = self._in_force_from(context, memory.latency)
         problem = self._make_problem(context, memory, start_time)
         last = None if self._always else memory.searched
         if problem and last and last.old is not NO_PLAN and last.has_same_lap(problem):
@@ -264,7 +275,7 @@ class LapPlanner(LeafSystem):
             gates = self._map.Eval(context).gates
             first = not np.isfinite(memory.tried_at)
             return waited and (first or has_changed(gates, memory.tried_gates))
-        plan, start_time = memory.plan, self._in_force_from(memory, now)
+        plan, start_time = memory.plan, self._in_force_from(context, memory.latency)
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
             plan.next_start(start_time) - start_time <= last_leg + 1e-9
@@ -289,6 +300,9 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
+        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
+        if self._factors.HasValue(context):
+            rotor_factors = self._factors.Eval(context).copy()
         return self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -297,15 +311,17 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
+                rotor_factors=rotor_factors,
             )
         )
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
+        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=self._limits,
+            limits=dc.replace(self._limits, vehicle=vehicle),
             style=self._style,
             always=self._always,
         )

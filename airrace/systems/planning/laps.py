@@ -29,6 +29,7 @@ class PlanRequest(NamedTuple):
     margins: np.ndarray
     start: np.ndarray
     old: LapPlan
+    rotor_factors: np.ndarray
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -47,6 +48,8 @@ class LapProblem(Immutable):
     #: there is no old plan.
     start: np.ndarray
     old: LapPlan  #: the LapPlan in force until then, NO_PLAN before the first
+    #: Of each rotor's thrust, by which ``limits`` differ from the vehicle's file, (n,).
+    rotor_factors: np.ndarray
     style: LapStyle = LapStyle()  #: of minimum-snap laps
     #: Whether a new plan is flown even if the old one is quicker and still fits.
     always: bool = False
@@ -57,12 +60,13 @@ class LapProblem(Immutable):
         return PlanRequest(*(getattr(self, name) for name in PlanRequest._fields))
 
     def has_same_lap(self, other: "LapProblem") -> bool:
-        """Whether the lap of another problem leads through the very same gates."""
+        """Whether another problem is of the very same gates, and of rotors as strong."""
         return (
             [gate.number for gate in self.gates] == [gate.number for gate in other.gates]
             and largest_move(self.gates, other.gates) == 0.0
             and np.array_equal(self.pylons, other.pylons)
             and np.array_equal(self.margins, other.margins)
+            and np.array_equal(self.rotor_factors, other.rotor_factors)
         )
 
 
@@ -72,6 +76,7 @@ class Laps(abc.ABC):
     Attributes:
         solver: its name.
         constraints: FlightConstraints of the laps.
+        gates: GateRegions, where the laps cross the gates.
     """
 
     solver: str
@@ -82,7 +87,7 @@ class Laps(abc.ABC):
         problem.limits.check()
         clearance = clearance_of(problem.limits.vehicle.radius, problem.margins)
         self.constraints = FlightConstraints(problem.pylons, clearance, problem.limits)
-        self._gates = self._gate_regions()
+        self.gates = self._gate_regions()
 
     @abc.abstractmethod
     def _gate_regions(self) -> GateRegions:
@@ -114,14 +119,14 @@ class Laps(abc.ABC):
     @functools.cached_property
     def point_mass_lap(self) -> PointMassBound:
         """The quickest lap of a point mass."""
-        return point_mass_bound(self._gates, self.constraints)
+        return point_mass_bound(self.gates, self.constraints)
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates, and clear of pylons, as they are known now."""
         crossed = np.array([circuit.derivatives(t)[0, :3] for t in circuit.gate_times[:-1]])
-        if crossed.shape != self._gates.midpoints.shape:
+        if crossed.shape != self.gates.midpoints.shape:
             return False
-        missed = np.linalg.norm(self._gates.nearest(crossed) - crossed, axis=1)
+        missed = np.linalg.norm(self.gates.nearest(crossed) - crossed, axis=1)
         samples = circuit.sample(sample_times(circuit, 1000.0))
         distances = pylon_distances(samples, self.constraints.pylons)
         return bool(

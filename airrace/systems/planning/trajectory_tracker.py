@@ -4,6 +4,7 @@ from pydrake.common.value import Value
 
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR, as_clock
 from airrace.systems.ports import read_vector
 from airrace.systems.types import LAND
 from airrace.trajopt.reference import REFERENCE_SIZE
@@ -19,13 +20,14 @@ class TrajectoryTracker(LeafSystem):
         - lap_plan
         - exploration_reference
         - explorer_status (may be left open: it never lands)
+        - path_clock (may be left open: plans never wait)
         output_ports:
         - reference
 
     ``lap_plan`` is a LapPlan or NO_PLAN, ``explorer_status`` an ExplorerStatus: if that says that
     the drone has to land, it is the explorer's reference again. The references (18) are laid out in
     trajopt/reference.py: position to snap in the world, then yaw and
-    its first two derivatives.
+    its first two derivatives. ``path_clock`` is the vector of a PathClock (6): see PathGovernor.
     """
 
     def __init__(self) -> None:
@@ -34,6 +36,7 @@ class TrajectoryTracker(LeafSystem):
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
+        self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
         self.DeclareVectorOutputPort("reference", REFERENCE_SIZE, self._calc_reference)
 
     def _calc_reference(self, context, output):
@@ -43,4 +46,6 @@ class TrajectoryTracker(LeafSystem):
         if plan is NO_PLAN or lands:
             output.set_value(read_vector(self._exploration, context))
         else:
-            output.set_value(plan.reference(context.get_time()))
+            clock = self._clock
+            now = as_clock(read_vector(clock, context)) if clock.HasValue(context) else REGULAR
+            output.set_value(now.reference(plan, context.get_time()))

@@ -37,6 +37,7 @@ from airrace.trajopt.time_optimal.path_terms import (
     keep_clear,
     proximal_cost,
     shortfall,
+    stretch_cost,
 )
 from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
 
@@ -63,6 +64,7 @@ class Effort:
     #: Predicted gain of an iteration, as a share of the lap time, at which to stop.
     tolerance: float = 5e-4
     samples: int = 24  #: of each leg
+    caution: float = 1.0  #: times the weight of the proximal cost in the first step
 
 
 # For planning in flight, from a lap through gates that moved a little.
@@ -76,8 +78,9 @@ class LapSearch:
         gates: to pass; of an open lap, with both ends.
         turn: see LapSamples.of().
         constraints: to keep.
-        view: half of the camera's view, less a margin (rad).
+        view: half of the camera's view, less a margin (rad); pi if nothing needs to be seen.
         grid: where legs are sampled.
+        firmness: weight of stretch_cost(), times that of the proximal cost.
     """
 
     def __init__(
@@ -85,16 +88,18 @@ class LapSearch:
         gates: GateRegions,
         turn: float,
         constraints: FlightConstraints,
-        samples: int,
-        pieces: int = PIECES,
+        grid: Grid,
+        firmness: float = 0.0,
     ):
-        """Args: samples, pieces: of each leg. The others: see above."""
+        """Args: see above."""
         self.gates, self.turn, self.constraints = gates, turn, constraints
-        self.view = max(constraints.half_view - _VIEW_MARGIN, constraints.half_view / 2)
-        self.grid = Grid(pieces, samples)
+        half_view = constraints.half_view
+        margin = _VIEW_MARGIN if half_view < np.pi else 0.0
+        self.view = max(half_view - margin, half_view / 2)
+        self.grid, self.firmness = grid, firmness
 
     def settled(self, lap: LapSpline, samples: int | None = None) -> LapSamples:
-        """Returns a lap slowed to the limits, an open one as it is.
+        """Returns a lap slowed to the limits, an open one as it is if that is better, or in motion.
 
         Args: lap: to slow. samples: of each leg, by default those of the search.
 
@@ -102,12 +107,15 @@ class LapSearch:
             TrajectoryOptimizationError: if it cannot be slowed enough.
         """
         grid = self.grid if samples is None else Grid(lap.pieces, samples)
-        settle = slowed if lap.is_closed else LapSamples.of
-        return settle(lap, grid, self.constraints.limits, self.turn)
+        of = lap, grid, self.constraints.limits, self.turn
+        found = [slowed(*of)] if lap.can_be_slowed else []
+        found += [] if lap.is_closed else [LapSamples.of(*of)]
+        return min(found, key=self.merit) if len(found) > 1 else found[0]
 
     def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:
         """Returns a better lap, and the number of iterations; warm if it starts near the best."""
         weight, band = (_WARM_WEIGHT, _BAND) if warm else (_FIRST_WEIGHT, _FIRST_BAND)
+        weight *= effort.caution
         merit, least, iteration = self.merit(now), 0.0, 0
         for iteration in range(1, effort.iterations + 1):
             step = self.program(now, weight, band)
@@ -156,6 +164,8 @@ class LapSearch:
         cross_forward(step, self.gates, _FORWARD_COST)
         keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_BAND)
         proximal_cost(step, weight)
+        if self.firmness > 0.0:
+            stretch_cost(step, self.firmness * weight)
         angle_cost(step, _ANGLE_WEIGHT)
         return step
 
@@ -172,7 +182,7 @@ class LapSearch:
         """Raises TrajectoryOptimizationError if the lap comes too near to anything."""
         lack = shortfall(samples.lap, self.constraints)
         if lack > _TOO_NEAR:
-            clearance = np.min(self.constraints.clearance)
+            clearance = np.min(self.constraints.clearance, initial=np.inf)
             raise TrajectoryOptimizationError(
                 f"No lap found keeps {clearance:.2f} m clear of all pylons and of "
                 f"the ground; the best lacks {lack:.2f} m."

@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 from airrace.evaluation.jobs import generated_track
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning import lap_planning
-from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import pylon_margins
@@ -65,6 +65,7 @@ def problem(
             start_time=time,
             start=start,
             old=old,
+            rotor_factors=np.ones(4),
         )
         | changes
     )
@@ -197,6 +198,7 @@ class Laps:
         self.asked, self._found, self._fits = [], {"warm": warm, "cold": cold}, fits
 
     point_mass_lap = types.SimpleNamespace(duration=18.0)
+    constraints = types.SimpleNamespace(limits=FlightLimits(VEHICLE))
 
     def lap(self, previous):
         kind = "cold" if previous is None else "warm"
@@ -225,6 +227,16 @@ def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, ask
     found, bound = lap_planning._best_lap(laps, first())
     assert laps.asked == asked and bound == 18.0
     assert (found and found.kind) == kind
+
+
+@pytest.mark.parametrize(("asked", "stays"), [((8.5,) * 4, True), ((8.5, 8.6, 8.5, 8.5), False)])
+def test_an_old_lap_that_asks_too_much_of_a_rotor_is_not_flown_again(asked, stays):
+    old = types.SimpleNamespace(
+        circuit=types.SimpleNamespace(duration=18.0),
+        summary=PlanSummary(bound=18.0, duration=18.0, max_thrusts=asked),
+    )
+    lap, _ = lap_planning._best_lap(Laps(19.0, 19.0, fits=True), old)
+    assert (lap is None) == stays
 
 
 def test_a_lap_that_is_quicker_by_rounding_alone_is_not_flown():

@@ -1,0 +1,75 @@
+"""The learner of rotors: it finds each rotor's thrust from what the drone does."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.systems.analysis import Simulator
+
+from airrace.systems.estimation.rotor_learner import RotorLearner
+from airrace.vehicle import GRAVITY, load_vehicle
+
+VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
+
+
+def learnt(vehicle, wrench, seconds=5.0, thrust=GRAVITY, disturbance=None):
+    """Returns the factors after a hover with a force along z (N) and moments beside the rotors."""
+    n = len(vehicle.rotors)
+    learner = RotorLearner(vehicle=vehicle, rate=50.0)
+    simulator = Simulator(learner)
+    context = simulator.get_mutable_context()
+    along_z = np.array([0.0, 0.0, wrench[0] / vehicle.mass])
+    speeds = np.sqrt(vehicle.mass * thrust / n / vehicle.thrust_coefficients)
+    for name, value in {
+        "filtered_estimate": np.array([0.0, 1.0, *[0.0] * 12]),
+        "disturbance": along_z if disturbance is None else disturbance,
+        "disturbance_moment": np.array(wrench[1:]),
+        "rotor_speeds": speeds,
+    }.items():
+        learner.GetInputPort(name).FixValue(context, value)
+    simulator.AdvanceTo(seconds)
+    return learner.GetOutputPort("rotor_factors").Eval(context).copy()
+
+
+@settings(max_examples=10)
+@given(
+    st.lists(st.integers(-10, 10), min_size=4, max_size=4),
+    st.lists(st.floats(-2e-3, 2e-3), min_size=4, max_size=4),
+)
+def test_each_rotor_of_four_is_found(percents, errors):
+    """To the nearest half of a hundredth: what is less is the noise of a drone as in its file."""
+    vehicle, off = VEHICLES["Default"], np.array(percents) / 100.0
+    thrusts = np.full(4, vehicle.mass * GRAVITY / 4)
+    found = learnt(vehicle, vehicle.allocation @ (thrusts * (off + errors)))
+    np.testing.assert_allclose(found, 1.0 + off, atol=1e-9)
+
+
+def test_of_eight_rotors_the_least_change_is_found():
+    vehicle = VEHICLES["StarOne"]
+    found = learnt(vehicle, [-0.0499 * vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found, 0.95, atol=1e-9)
+
+
+def test_what_comes_from_the_side_is_no_weakness():
+    vehicle = VEHICLES["Default"]
+    found = learnt(vehicle, np.zeros(4), disturbance=np.array([3.0, -2.0, 0.0]))
+    np.testing.assert_array_equal(found, 1.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        dict(seconds=1.9),
+        dict(thrust=4.0),  # the ground may carry it
+        dict(disturbance=np.full(3, np.nan)),
+    ],
+)
+def test_nothing_is_said_before_it_has_flown(options):
+    vehicle = VEHICLES["Default"]
+    np.testing.assert_array_equal(learnt(vehicle, [-1.0, 0.0, 0.0, 0.0], **options), 1.0)
+
+
+def test_there_is_a_most():
+    vehicle = VEHICLES["Default"]
+    found = learnt(vehicle, [-0.5 * vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found, 0.8)

@@ -96,13 +96,13 @@ def _passage(number: int, opening: Opening, path: np.ndarray, counted: bool) -> 
     offsets = (path[:, 1:4] - opening.middle) @ axes.T
     speeds = np.linalg.norm(path[:, 4:], axis=1)
     if not len(path):
-        return Passage(number, False, *4 * [np.nan], "never flown to")
+        return Passage(number, False, np.nan, np.nan, np.nan, np.nan, "never flown to")
     crossed = np.flatnonzero((offsets[:-1, 0] < 0.0) & (offsets[1:, 0] >= 0.0))
     if len(crossed) == 0:
         distances = np.linalg.norm(offsets, axis=1)
         i = int(distances.argmin())
         what = f"not reached: {distances[i]:.1f} m off at best, at {path[i, 0]:.1f} s"
-        return Passage(number, False, *4 * [np.nan], what)
+        return Passage(number, False, np.nan, np.nan, np.nan, np.nan, what)
     before, after = offsets[crossed], offsets[crossed + 1]
     shares = before[:, 0] / (before[:, 0] - after[:, 0])
     places = (before + shares[:, None] * (after - before))[:, 1:]

@@ -17,7 +17,7 @@ from airrace.systems.control.own_wrench import OwnWrench
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
@@ -43,6 +43,7 @@ class GeometricController(LeafSystem):
         - disturbance
         - disturbance_moment (may be left open: there is none)
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
         - rotor_losses
         output_ports:
         - rotor_speed_command
@@ -52,7 +53,7 @@ class GeometricController(LeafSystem):
     in the world), see StateFilter; ``disturbance_moment``: likewise a moment
     (N m, in B), see MomentObserver; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
-    ``rotor_losses``: see RotorMonitor.
+    ``rotor_factors``: see RotorLearner; ``rotor_losses``: see RotorMonitor.
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
@@ -103,12 +104,20 @@ class GeometricController(LeafSystem):
         n = len(vehicle.rotors)
         self._feed_forward = feed_forward
         self._rejects = disturbance_rejection
-        self._remaining = functools.cache(
-            lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses)))
-        )
         # One vector is quicker to hand over, see common/jit.py.
         self._parameters = parameters_vector(make_parameters(vehicle, attitude_error, gains))
-        self._thrust_coefficients = vehicle.thrust_coefficients
+
+        @functools.lru_cache(maxsize=64)
+        def known(losses, factors):
+            there = vehicle.with_thrusts(np.frombuffer(factors))
+            return (
+                Remaining(there, np.isinf(np.frombuffer(losses))),
+                parameters_vector(make_parameters(there, attitude_error, gains)),
+                there.thrust_coefficients,
+            )
+
+        self._known = known
+        self._as_in_file = np.ones(n).tobytes()
         self._max_speeds = vehicle.max_speeds
         self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0
         self._reduced = ReducedAttitude(vehicle)
@@ -117,6 +126,7 @@ class GeometricController(LeafSystem):
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
         self._moment = self.DeclareVectorInputPort("disturbance_moment", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
+        self._factors = self.DeclareVectorInputPort("rotor_factors", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
@@ -133,17 +143,26 @@ class GeometricController(LeafSystem):
         return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
     def _update_command(self, context, discrete_state):
-        remaining = self._remaining(read_vector(self._losses, context).tobytes())
+        losses = read_vector(self._losses, context).tobytes()
+        factors = self._as_in_file
+        if self._factors.HasValue(context):
+            factors = read_vector(self._factors, context).tobytes()
+        # Whether it can fly is not asked of what was learnt: that changes in flight.
+        can_fly = self._known(losses, self._as_in_file)[0].can_fly
+        remaining, parameters, coefficients = self._known(
+            losses, factors if can_fly else self._as_in_file
+        )
         estimate, disturbance, moment = read_vector(self._estimate, context), _NONE, _NONE
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
-            if self._moment.HasValue(context):
-                moment = read_vector(self._moment, context)
-        if remaining.can_fly:
+            moment = read_or(_NONE, self._moment, context)
+        if can_fly:
             reference = self._reference.Eval(context)
             _lean(reference, disturbance, self._feed_forward)
-            wrench = self.calc_wrench(reference, estimate)
-            if self._own is not None:
+            if self._own is None:
+                wrench = _wrench(reference, estimate, parameters)
+            else:
+                wrench = self.calc_wrench(reference, estimate)
                 wrench = self._own.checked(wrench, reference, estimate, discrete_state)
             wrench = wrench - np.array((0.0, *moment))
         elif all_finite(estimate) and all_finite(disturbance):
@@ -154,7 +173,7 @@ class GeometricController(LeafSystem):
         rotors = (
             read_vector(self._speeds, context),
             remaining.max_thrusts,
-            self._thrust_coefficients,
+            coefficients,
             self._max_speeds,
             self._overdrive,
         )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # else an edit of it would have all machine code compiled ane
 _MEMORY = 15.0  # s, over which old flight is forgotten to 1 / e
 _LEAST = 2.0  # s of flight, before which nothing is said
 _MOST = 0.2  # that a factor is off one: more is another fault
-_STEP = 0.01  # factors are told in steps, so that a plan stays the same for a while
+_STEP = 0.005  # factors are told in steps, so that who computes with them need not do it anew
 
 
 class LearnerMemory(NamedTuple):
@@ -49,9 +49,10 @@ class RotorLearner(LeafSystem):
     rotor, as the drone's file promises it, is to be multiplied: 0.9 for a worn propeller, and 0.95
     for each if the drone is by that much too heavy.
 
-    Thrusts T_i that the speeds promise make the wrench B T. What is seen beside it, the force of
-    the disturbance along the body's z axis and the disturbance's moment, is B e with the least e.
-    The factors are 1 + mean(e) / mean(T), over the last 15 s. Wind and drag blow from all sides
+    Thrusts T_i that the speeds promise, with the factors k_i that are known so far, make the wrench
+    B (k T). What is seen beside it, the force of the disturbance along the body's z axis and the
+    disturbance's moment, is B e with the least e. So the factors are 1 + mean(e + (k - 1) T) /
+    mean(T), over the last 15 s. Wind and drag blow from all sides
     on a lap; what is left of them counts as a weakness of the rotors, which is what it is to a
     plan. The greatest angular accelerations cancel in the mean, so an error of the inertia does
     not show.
@@ -95,15 +96,16 @@ class RotorLearner(LeafSystem):
         z_B = rotation_matrix(as_state(estimate).quaternion)[:, 2]
         wrench = np.array((self._mass * dot(disturbance, z_B), *moment))
         memory = discrete_state.get_mutable_value(0)
-        m = self._parts(memory)
+        factors = discrete_state.get_mutable_value(1)
+        m, missing = self._parts(memory), self._inverse @ wrench + (factors - 1.0) * thrusts
         flown = m.flown + self._dt
         share = self._dt / min(flown, _MEMORY)  # a plain mean at first
         means = (
             before + share * (now - before)
-            for before, now in ((m.thrusts, thrusts), (m.missing, self._inverse @ wrench))
+            for before, now in ((m.thrusts, thrusts), (m.missing, missing))
         )
         memory[:] = self._vector(LearnerMemory(flown, *means))
         if flown >= _LEAST:
             m = self._parts(memory)
             off = np.clip(m.missing / m.thrusts, -_MOST, _MOST)
-            discrete_state.get_mutable_value(1)[:] = 1.0 + _STEP * np.floor(off / _STEP)
+            factors[:] = 1.0 + _STEP * np.round(off / _STEP)

@@ -12,7 +12,7 @@ from airrace.math.quaternion import integrate
 from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
@@ -56,13 +56,14 @@ class StateFilter(LeafSystem):
         input_ports:
         - state_estimate
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
         output_ports:
         - filtered_estimate
         - disturbance
 
     ``state_estimate`` and ``filtered_estimate`` are of vehicle.State (14);
-    ``rotor_speeds`` as measured (rad/s); ``disturbance`` (3) is the acceleration
-    that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
+    ``rotor_speeds`` as measured (rad/s); ``rotor_factors`` see RotorLearner; ``disturbance`` (3) is
+    the acceleration that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
     in the world).
 
     Noise on the velocity does not average out in flight: rotors answer with
@@ -85,7 +86,9 @@ class StateFilter(LeafSystem):
         self._gain = kalman_gain(1.0 / state_rate)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
+        self._ones = np.ones(len(vehicle.rotors))
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
         self._memory = self.DeclareDiscreteState(_memory_vector(_NOTHING))
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
@@ -107,7 +110,7 @@ class StateFilter(LeafSystem):
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
-            self._thrust_per_mass,
+            self._thrust_per_mass * read_or(self._ones, self._factors, context),
             self._gain,
             context.get_time(),
         )

@@ -20,6 +20,7 @@ from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
 from airrace.systems.planning.path_clock import CLOCK_SIZE, as_clock
 from airrace.systems.planning.plan_checks import check_plan
+from airrace.systems.ports import read_or
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
@@ -29,7 +30,8 @@ from airrace.vehicle import Vehicle, load_vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
-_ROUNDING = 1e-12  # s
+_ROUNDING = 1e-12  # s, and of a step
+_STEP = 0.01  # of the rotors' factors, so that a plan stays the same for a while
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -297,9 +299,7 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
-        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
-        if self._factors.HasValue(context):
-            rotor_factors = self._factors.Eval(context).copy()
+        factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         return self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -308,7 +308,7 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
-                rotor_factors=rotor_factors,
+                rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
             )
         )
 

@@ -20,6 +20,7 @@ from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air, drag_rate
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
@@ -27,6 +28,7 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
     from airrace.scenario import Scenario
 
+_STILL = air_vector(STILL)
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
 
@@ -45,6 +47,7 @@ class GeometricController(LeafSystem):
         - rotor_speeds
         - rotor_factors (may be left open: rotors are as in the drone's file)
         - rotor_losses
+        - air (may be left open: it is not known)
         output_ports:
         - rotor_speed_command
 
@@ -53,7 +56,8 @@ class GeometricController(LeafSystem):
     in the world), see StateFilter; ``disturbance_moment``: likewise a moment
     (N m, in B), see MomentObserver; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
-    ``rotor_factors``: see RotorLearner; ``rotor_losses``: see RotorMonitor.
+    ``rotor_factors``: see RotorLearner; ``rotor_losses``: see RotorMonitor; ``air``: see
+    AirLearner.
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
@@ -89,7 +93,8 @@ class GeometricController(LeafSystem):
             feed_forward: whether to use the reference's jerk, snap, and yaw
                 rates; without, the desired angular velocity and acceleration
                 are zero, as in the original system.
-            disturbance_rejection: whether to lean against the disturbance and its moment.
+            disturbance_rejection: whether to lean against the disturbance and its moment,
+                and to count with what was learnt of rotors and air.
             attitude_error: "reduced", the tilt before the yaw, or "lee", the
                 paper's law; see lee_wrench().
             gains: "vehicle", or "original" for the original system's, the vehicle's
@@ -128,6 +133,7 @@ class GeometricController(LeafSystem):
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._factors = self.DeclareVectorInputPort("rotor_factors", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
@@ -145,20 +151,22 @@ class GeometricController(LeafSystem):
     def _update_command(self, context, discrete_state):
         losses = read_vector(self._losses, context).tobytes()
         factors = self._as_in_file
-        if self._factors.HasValue(context):
+        if self._rejects and self._factors.HasValue(context):
             factors = read_vector(self._factors, context).tobytes()
         # Whether it can fly is not asked of what was learnt: that changes in flight.
         can_fly = self._known(losses, self._as_in_file)[0].can_fly
         remaining, parameters, coefficients = self._known(
             losses, factors if can_fly else self._as_in_file
         )
-        estimate, disturbance, moment = read_vector(self._estimate, context), _NONE, _NONE
+        estimate = read_vector(self._estimate, context)
+        disturbance, moment, air = _NONE, _NONE, _STILL
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
             moment = read_or(_NONE, self._moment, context)
+            air = read_or(_STILL, self._air, context)
         if can_fly:
             reference = self._reference.Eval(context)
-            _lean(reference, disturbance, self._feed_forward)
+            _lean(reference, disturbance, self._feed_forward, air)
             if self._own is None:
                 wrench = _wrench(reference, estimate, parameters)
             else:
@@ -196,9 +204,13 @@ class GeometricController(LeafSystem):
 
 
 @compiled
-def _lean(reference, disturbance, feed_forward):
-    """Makes a reference, (18,), lean against a disturbance (m/s^2); see GeometricController."""
-    _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+def _lean(reference, disturbance, feed_forward, air):
+    """Makes a reference, (18,), lean against a disturbance (m/s^2), (3,); see GeometricController.
+
+    The drag of the air, vector of an Air, (5,), changes as the velocity does.
+    """
+    _, velocity, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+    jerk -= drag_rate(velocity, acceleration, as_air(air))
     acceleration -= disturbance
     if not feed_forward:
         assign(jerk, _NONE)

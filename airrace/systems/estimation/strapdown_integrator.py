@@ -69,10 +69,11 @@ class StrapdownIntegrator(LeafSystem):
 
     ``imu`` (70) see ImuSamples; ``corrections`` (17) is a Navigation of a moment ago;
     ``rotor_speeds`` as measured (rad/s), ``rotor_factors`` see RotorLearner.
-    ``state_estimate`` (14) is of the newest sample's time, its angular velocity the mean of ten; ``filtered_estimate`` (14) is of the present, with all
-    that the sensor has shown. ``disturbance`` (3) is the acceleration that rotors and gravity do
-    not explain (m/s^2, in the world), smoothed: the accelerometer less the rotors' thrust. So
-    neither noise of the estimate nor a correction of it drives it. ``imu_history`` (7 n) are the
+    ``state_estimate`` (14) is of the newest sample's time, its angular velocity the mean of ten;
+    ``filtered_estimate`` (14) is of the present, with all that the sensor has shown.
+    ``disturbance`` (3) is the acceleration that rotors and gravity do not explain (m/s^2, in the
+    world), smoothed: the accelerometer less the rotors' thrust. So neither noise of the estimate
+    nor a correction of it drives it. ``imu_history`` (7 n) are the
     newest n samples, newest first, for GateSlam; ``imu_silence`` (1) is the time since the newest
     sample of the sensor that was sound (s).
 

@@ -27,11 +27,14 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
 _ROUNDING = 1e-12  # s, and of a step
-_STEP = 0.01  # of the rotors' factors, so that a plan stays the same for a while
+# Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
+_STEP, _AIR_STEPS = 0.01, np.array([0.01, 0.0005, 0.5, 0.5, 0.5])
+_STILL = air_vector(STILL)
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class LapPlanner(LeafSystem):
         - policy_status (may be left open: nobody else flies)
         - path_clock (may be left open: plans never wait)
         - rotor_factors (may be left open: the drone is as in its file)
+        - air (may be left open: there is no drag)
         output_ports:
         - lap_plan
 
@@ -137,6 +141,7 @@ class LapPlanner(LeafSystem):
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._policy = self.DeclareAbstractInputPort("policy_status", Value[object]())
         self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
@@ -309,6 +314,7 @@ class LapPlanner(LeafSystem):
                 start=start,
                 old=old,
                 rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
+                air=_AIR_STEPS * np.round(read_or(_STILL, self._air, context) / _AIR_STEPS),
             )
         )
 
@@ -318,7 +324,7 @@ class LapPlanner(LeafSystem):
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=dc.replace(self._limits, vehicle=vehicle),
+            limits=dc.replace(self._limits, vehicle=vehicle, air=as_air(request.air)),
             style=self._style,
             always=self._always,
         )

@@ -62,7 +62,7 @@ class LapSamples:
         """
         between = lap.evaluate(grid.matrices_between)
         y = lap.evaluate(grid.matrices)
-        *axes, total = transported_axes(y, between, lap.durations, grid.fractions)
+        *axes, total = transported_axes(y, between, lap.durations, grid.fractions, limits.air)
         lap = lap.with_turn(turn + total)
         y = lap.evaluate(grid.matrices)
         return cls(lap, limits, y, np.repeat(lap.durations, grid.samples), tuple(axes))

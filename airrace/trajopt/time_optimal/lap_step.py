@@ -79,7 +79,9 @@ class LapStep:
         grid, lap = self.grid, self.lap
         force, d_force, force_by_T = self.dynamics.force
         between = lap.evaluate(grid.matrices_between)
-        gradients, by_T, sums = turn_gradients(between, lap.durations, grid.fractions)
+        gradients, by_T, sums = turn_gradients(
+            between, lap.durations, grid.fractions, self.samples.limits.air
+        )
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
         amount = np.linalg.norm(force, axis=0)
         b = force / amount

@@ -24,7 +24,7 @@ from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.partners import Partner
 from airrace.hitl.link.probe import CHANNELS, Responder
-from airrace.hitl.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
+from airrace.hitl.lockstep_autonomy import LEFT, LOST, NOTHING_HEARD, STOPPED, race_in_lockstep
 from airrace.hitl.navigator_process import NavigatorProcess
 from airrace.hitl.pilot import Pilot, make_halves
 from airrace.hitl.remote_autonomy import LOCKSTEP
@@ -239,6 +239,7 @@ class AutonomyProcess:
 
     def _lost(self) -> int:
         self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
+        self._say_last(NOTHING_HEARD.format(self._patience))  # to one that only stood still
         return LOST
 
     def _wait_and_poll(self, phase, text=""):

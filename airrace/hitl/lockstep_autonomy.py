@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
 
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
+NOTHING_HEARD = "it heard nothing of the simulation for {:.0f} s"
 
 
 def race_in_lockstep(
@@ -45,6 +46,7 @@ def race_in_lockstep(
                 break
     except PeerLost as e:
         log(f"airrace: the simulation fell silent for {e.args[0]:.0f} s")
+        endpoint.say_last(phases.RACING, context.get_time(), NOTHING_HEARD.format(e.args[0]))
         code = LOST
     writer = side.diagram.GetSubsystemByName("gate_map_writer")
     writer.ForcedPublish(writer.GetMyContextFromRoot(context))

@@ -257,8 +257,24 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path, capsys):
 
 
 @pytest.mark.repeats
-def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
-    """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
+@pytest.mark.parametrize(
+    "victim, number, reason",
+    [
+        ("race", "INT", "interrupted"),
+        ("race", "KILL", "not over yet"),
+        ("second", "KILL", r"the autonomy fell silent at .*, and the drone landed by itself"),
+        (
+            "second",
+            "TERM",
+            r"the autonomy fell silent at .* \(it was told to stop\), and the drone",
+        ),
+    ],
+)
+def test_an_autonomy_that_starts_again_goes_on(victim, number, reason, hexagon, tmp_path):
+    """It is killed on its way to gate 1, and another process resumes with its checkpoint.
+
+    Then one of them is ended by a signal.
+    """
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
@@ -292,17 +308,20 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         sleep 2; kill -KILL $first; sleep 2
         {second} & second=$!
         until [ -e {flies} ] || ! kill -0 $race; do sleep 0.1; done
-        kill -INT $race; wait $race
+        sleep 10; kill -{number} ${victim}; wait $race
         wait $second; echo second $?
         cat {log}
     """)
     text = start("bash", str(script)).communicate(timeout=patient(300))[0]
     result = load(tmp_path / "out")
-    assert "second 0" in text, text
-    assert result["dnf_reason"] == "interrupted"
+    assert re.match(reason, result["dnf_reason"]), text
+    codes = {"race-INT": 0, "race-KILL": 3, "second-KILL": 137, "second-TERM": 1}
+    assert f"second {codes[f'{victim}-{number}']}" in text, text
+    if number == "KILL" and victim == "race":
+        return
     watchdog = result["wall"]["link"]["watchdog"]
-    # Perhaps a second time, while it reads its machine code from the disk.
-    assert watchdog["hovers"] in (1, 2) and result["collisions"] == 0
+    # Perhaps once more, while it reads its machine code from the disk, and when it is ended.
+    assert watchdog["hovers"] in (1, 2, 3) and result["collisions"] == 0
     # One that had started anew would have taken off again.
     states = [event["state"] for event in result["exploration"]["events"]]
     assert states.count("TAKE_OFF") == 1 and "FLY_TO_GATE" in states

@@ -32,6 +32,7 @@ pytestmark = pytest.mark.skipif(
 SCENARIO = "{camera: {width: 640, height: 360}, referee: {time_limit: 200.0}}"
 LOCKSTEP, REAL_TIME = ("--lockstep",), ("--realtime_rate", "0.5")
 KILL, TERM, INT, SEGV = signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSEGV
+CONT = signal.SIGCONT  # ends a pause, and nothing else
 
 
 class Case(NamedTuple):
@@ -42,11 +43,13 @@ class Case(NamedTuple):
     code: int  # with which the race ends
     reason: str | None  # in race.json; None: there is none
     said: str = ""  # on the terminal, or nothing that is looked for
+    pause: float = 0.0  # s, for which the victim stands still before
 
 
 STARTING, READY_TO_RACE = "", READY
 EXPLORING, RACING = "TAKE_OFF", "DONE: hovering over the start"
 SILENT = r".*the autonomy fell silent at .* \({}\)"
+NOTHING_HEARD = "it heard nothing of the simulation for 5 s"
 KILLED, SEGFAULT = "its process was killed: SIGKILL", "its process was killed: SIGSEGV"
 CASES = [
     Case(STARTING, LOCKSTEP, "simulation", KILL, -9, None),
@@ -62,6 +65,9 @@ CASES = [
     Case(EXPLORING, LOCKSTEP, "simulation", INT, 1, "interrupted"),
     Case(EXPLORING, LOCKSTEP, "autonomy", KILL, 1, rf"the autonomy left the race \({KILLED}\)"),
     Case(EXPLORING, LOCKSTEP, "autonomy", TERM, 1, r"the autonomy left .*\(it was told to stop\)"),
+    Case(EXPLORING, REAL_TIME, "simulation", TERM, 1, "interrupted", pause=1.0),
+    Case(EXPLORING, REAL_TIME, "autonomy", KILL, 1, SILENT.format(KILLED), pause=1.0),
+    Case(EXPLORING, REAL_TIME, "simulation", CONT, 1, SILENT.format(NOTHING_HEARD), pause=12.0),
     Case(RACING, LOCKSTEP, "simulation", KILL, -9, "not over yet"),
     Case(RACING, LOCKSTEP, "simulation", INT, 1, "interrupted"),
     Case(RACING, LOCKSTEP, "autonomy", KILL, 1, rf"the autonomy left the race \({KILLED}\)"),
@@ -81,6 +87,7 @@ IN_SHORT = (3, 11)  # those that are always tried: it can't start; it dies in th
             case.options[0][2:],
             case.victim,
             str(case.number),
+            *(("paused",) if case.pause else ()),
         )
     ),
 )
@@ -111,7 +118,13 @@ def test_what_a_kill_leaves(case, hexagon, tmp_path):
         autonomy = autonomy_of(mine)
         time.sleep(0.5)
         family = mine.children(recursive=True)
-        os.kill(race.pid if case.victim == "simulation" else autonomy.pid, case.number)
+        victim = psutil.Process(race.pid if case.victim == "simulation" else autonomy.pid)
+        if case.pause:
+            victim.suspend()
+            time.sleep(case.pause)
+            victim.resume()
+            time.sleep(1.0)
+        victim.send_signal(case.number)
         lines.append(race.communicate(timeout=patient(120))[0])
         text = "".join(lines)
         assert race.returncode == case.code, text

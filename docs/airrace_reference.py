@@ -245,7 +245,7 @@ def port_meanings(scenario: Scenario) -> dict[str, tuple[float | None, str, str]
             "",
             "by what the thrust of each rotor, as in the drone's file, is to be multiplied",
         ),
-        "air": (AirLearner.RATE, "", "Air: drag by mass, linear (1/s) and quadratic (1/m), and wind"),
+        "air": (AirLearner.RATE, "", "Air: drag by mass (1/s, 1/m), and the wind (m/s)"),
         "path_clock": (control, "", "PathClock: how far plans wait for the drone"),
         "rotor_speeds": (rotors, "", "as measured, one a rotor (rad/s)"),
         "rotor_status": (

@@ -27,7 +27,7 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air
+from airrace.vehicle.air import AIR_SIZE, STILL, Air, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
@@ -35,6 +35,8 @@ _ROUNDING = 1e-12  # s, and of a step
 # Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
 _STEP, _AIR_STEPS = 0.01, np.array([0.01, 0.0005, 0.5, 0.5, 0.5])
 _STILL = air_vector(STILL)
+# Of the rotors' thrust, that is kept: for factors that differ by one, at most; and for gusts.
+_UNEQUAL, _MOST_UNEQUAL, _GUSTS = 0.4, 0.04, 0.03
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -320,14 +322,29 @@ class LapPlanner(LeafSystem):
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
-        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
+        limits, factors, air = self._limits, request.rotor_factors, as_air(request.air)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=dc.replace(self._limits, vehicle=vehicle, air=as_air(request.air)),
+            limits=dc.replace(
+                limits,
+                vehicle=limits.vehicle.with_thrusts(factors),
+                thrust_share=limits.thrust_share * (1.0 - _reserve(factors, air)),
+                air=air,
+            ),
             style=self._style,
             always=self._always,
         )
+
+
+def _reserve(factors: np.ndarray, air: Air) -> float:
+    """Returns which share of the rotors' thrust a plan leaves, because of what was learnt.
+
+    Where rotors are unequal, the weakest is at its limit alone, and what it lacks is always yaw of
+    the same sign. Where there is wind, there are gusts.
+    """
+    gusts = 0.0 if air.is_still else _GUSTS
+    return min(_UNEQUAL * float(np.ptp(factors)), _MOST_UNEQUAL) + gusts
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

@@ -12,12 +12,12 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from airrace.diagrams.race import run_race
 from airrace.math.random import make_generator
 from airrace.scenario import load_scenario
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.rotor_loss import Remaining
+from benchmarks.whole_race import fly_race
 from tests.worlds.flight import (
     PERIOD,
     deviations,
@@ -199,7 +199,7 @@ def race(drone: str, case: Case, laps: int) -> dict:
     scenario.drone, scenario.laps = drone, laps
     scenario.recording.content = "none"
     with tempfile.TemporaryDirectory() as directory:
-        result = run_race(scenario, Path(directory))
+        result = fly_race(scenario, Path(directory))
     failed_at = min((f.time for f in scenario.rotor_failures), default=np.inf)
     flown = result["laps"]
     before = [lap["time_s"] for lap in flown if lap["start_s"] + lap["time_s"] <= failed_at]

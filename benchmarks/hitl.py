@@ -21,13 +21,13 @@ import tempfile
 from pathlib import Path
 
 from airrace.common.errors import UserError
-from airrace.diagrams.race import run_race
 from airrace.hitl.autonomy_process import PILOT_TICKS
 from airrace.hitl.link.simulated_bus import LinkConfig
 from airrace.hitl.navigator_process import NAVIGATOR_TICKS
 from airrace.hitl.simulated_link import SimulatedRemote
 from airrace.scenario import LINK_DELAY, TRAJECTORIES, Scenario
 from benchmarks import harness
+from benchmarks.whole_race import fly_race
 
 _DELAYS = (0.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # ms, there and back each half
 _LOSSES = (0.0, 0.5, 1.0, 2.0, 5.0)  # % of the packets
@@ -101,7 +101,7 @@ def fly(scenario: Scenario, delay: float, loss: float) -> dict:
         autonomy = Path(folder) / "autonomy"
         autonomy.mkdir()
         transport = SimulatedRemote(scenario, link, autonomy)
-        result = run_race(scenario, Path(folder), transport=transport)
+        result = fly_race(scenario, Path(folder), transport=transport)
     offsets = [max(lap["gate_offsets_m"]) for lap in result["laps"]]
     return {
         "delay_ms": delay,

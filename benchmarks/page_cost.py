@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 import tornado.websocket
 
-from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
 from airrace.scenario import load_scenario
 from airrace.track import load_track
 from airrace.visualization.live_page import LivePage
 from benchmarks import harness
+from benchmarks.whole_race import fly_race
 
 ALONE, UNWATCHED, WATCHED = "without a page", "with a page", "and somebody watches"
 _MOST = 1.10  # times as long as alone
@@ -74,7 +74,7 @@ def fly(kind: str, track: str, laps: int, scenario_text: str | None) -> dict:
 
 def _timed(scenario, folder, page):
     start = time.process_time()
-    result = run_race(scenario, folder, page=page)
+    result = fly_race(scenario, folder, page=page)
     cpu = time.process_time() - start
     simulated = result["wall"]["seconds"] * result["wall"]["real_time_factor"]
     return {"cpu_s": cpu, "simulated_s": simulated, "finished": result["finished"]}

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.diagrams.race import run_race
 from airrace.scenario import LEARNED, NO_POLICY
 from airrace.track import load_track
 from airrace.trajopt.feasibility import pylon_distances
@@ -27,6 +26,7 @@ from airrace.vehicle.state import STATE_SIZE
 from benchmarks import harness, races
 from benchmarks.harness import groups
 from benchmarks.races import Case
+from benchmarks.whole_race import fly_race
 from tests.worlds.logged_race import LoggedInProcess
 
 _RATE = 100.0  # Hz, of the log
@@ -104,7 +104,7 @@ def fly(scenario_text: str, track_seed: int) -> dict:
         scenario = races.scenario_of(scenario_text, track_seed, Path(folder))
         vehicle = load_vehicle(scenario.drone)[0]
         transport = LoggedInProcess(lambda _: _FlightLog(len(vehicle.rotors)))
-        race = run_race(scenario, Path(folder), transport=transport)
+        race = fly_race(scenario, Path(folder), transport=transport)
         pylons = load_track(scenario.track).pylons()
     events = race.get("policy", {"events": []})["events"][1:]  # the first: it takes over
     result = {

@@ -24,7 +24,6 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.common.errors import UserError
-from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
 from airrace.recording.race_events import ExplorerChanged
 from airrace.scenario import CONTENTS, TRUTH, VIO, Scenario, load_scenario
@@ -32,6 +31,7 @@ from airrace.scenario.camera_config import NO_CAMERA, RENDERERS
 from airrace.track.map_files import TRACK
 from benchmarks import harness, vtk_frame
 from benchmarks.box_times import BoxTimes
+from benchmarks.whole_race import fly_race
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
 TIMES = ("simulated_s", "wall_s", "cpu_s")
@@ -145,9 +145,9 @@ def fly(scenario_text: str, profile: bool = False) -> dict:
         mark()
         if profile:
             with boxes.measuring(_PARTS):
-                race = run_race(scenario, Path(folder), sinks=[take])
+                race = fly_race(scenario, Path(folder), sinks=[take])
         else:
-            race = run_race(scenario, Path(folder), sinks=[take])
+            race = fly_race(scenario, Path(folder), sinks=[take])
         mark()
     phases = zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
     return {

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
-from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
 from airrace.evaluation.jobs import generated_track
 from airrace.evaluation.summary import dnf_class
@@ -29,6 +28,7 @@ from airrace.recording.race_result import ORIGINAL_LAPS
 from airrace.scenario import Scenario, load_scenario
 from benchmarks import harness
 from benchmarks.harness import column, groups
+from benchmarks.whole_race import fly_race
 
 _LEVELS = "1", "3", "4"
 _COLUMNS = {
@@ -154,7 +154,7 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
     """
     with tempfile.TemporaryDirectory() as folder:
         scenario = scenario_of(scenario_text, track_seed, Path(folder))
-        return figures(scenario, run_race(scenario, Path(folder)))
+        return figures(scenario, fly_race(scenario, Path(folder)))
 
 
 def scenario_of(scenario_text: str, track_seed: int | None, folder: Path) -> Scenario:

@@ -1,6 +1,8 @@
 """A Sphinx extension: tables that are made of the code, so that they cannot be out of date.
 
-The directive ``airrace-reference`` writes, by its argument:
+A page has a comment ``<!-- airrace-reference: ARGUMENT -->``, and right below it a paragraph for
+those who read the page as it is in the repository. On the site, the directive ``airrace-reference``
+takes the place of both. It writes, by its argument:
 
 - ``scenario``: every field of a scenario, with its type, default, range, and comment;
 - ``presets``: what the camera's presets mean;
@@ -40,6 +42,7 @@ from airrace.systems.estimation.rotor_learner import RotorLearner
 
 _MEASUREMENTS = Path(__file__).parent / "measurements"
 _SEASON = "season"  # in docs/ and in what is built
+_COMMENT = re.compile(r"^<!-- airrace-reference: (.+) -->\n(?:.+\n)*", re.MULTILINE)
 _DRAKE = "https://drake.mit.edu/doxygen_cxx/structdrake"
 _DRAKES = {
     "SimulatorConfig": f"{_DRAKE}_1_1systems_1_1_simulator_config.html",
@@ -74,6 +77,11 @@ class AirraceReference(SphinxDirective):
         what, *rest = self.arguments
         text = _MAKERS[what](*rest)
         return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def write_directives(app, name, source) -> None:
+    """Puts directives in the place of the comments that ask for them."""
+    source[0] = _COMMENT.sub(r"```{airrace-reference} \1\n```\n", source[0])
 
 
 def scenario_reference() -> str:
@@ -175,6 +183,8 @@ def _plain(value) -> str:
     if hasattr(value, "_asdict"):
         return " ".join(name for name, each in value._asdict().items() if each) or "local"
     if isinstance(value, tuple) and isinstance(value[0], tuple):
+        if any(abs(x) != 1.0 for x, _ in value):  # not corners, but a curve
+            return ", ".join(f"{x:.4g}: {y:.4g}" for x, y in value)
         return ", ".join("BF"[x > 0] + "RL"[y > 0] for x, y in value)
     if isinstance(value, tuple):
         return " ".join(f"{each:.4g}" for each in value)
@@ -536,5 +546,6 @@ _MAKERS = {
 def setup(app):
     """Registers what is above; called by Sphinx."""
     app.add_directive("airrace-reference", AirraceReference)
+    app.connect("source-read", write_directives)
     app.connect("build-finished", write_season_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

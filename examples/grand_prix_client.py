@@ -20,7 +20,7 @@ from pymavlink import mavutil
 
 GRAVITY = np.array([0.0, 0.0, 9.81])  # m/s^2, in N
 # Sign of rates, thrust that hovers, and m/s^2 for 1 more of it: of the official simulator or not.
-DIALECTS = {"official": (-1, 0.266, 53.5), "none": (1, 0.2, 49.1)}
+DIALECTS = {"official": (-1, 0.266, 53.5), "none": (1, 0.19, 51.7)}
 K = np.array([[320.0, 0.0, 320.0], [0.0, 320.0, 180.0], [0.0, 0.0, 1.0]])
 UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
 R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
@@ -189,7 +189,7 @@ def fly(client, link, stream, dialect):
             for time, picture in pictures(stream, parts):
                 if started and time - epoch > client.past[0][0]:
                     client.look(time - epoch, picture)
-            if not armed:  # again after the start, which disarms
+            if not armed:
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
                 continue
             force, rates = client.command() if started else (0.0, np.zeros(3))

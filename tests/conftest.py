@@ -13,9 +13,10 @@ from hypothesis import settings
 from airrace.diagrams.warm_up import compile_apart
 from airrace.scenario import TRUTH, VIO, Scenario
 
-# The same examples in every run, and no deadlines: a slow machine is no bug.
+# The same examples in every run, more of them with --all, and no deadlines: a slow machine is no bug.
 # To search for new examples: ./test.bash --hypothesis-profile=search
-settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("all", deadline=None, derandomize=True, max_examples=100)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")
 
@@ -32,6 +33,11 @@ _MARKED = {
 
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run tests that are marked `repeats`, too")
+
+
+def pytest_configure(config):
+    if config.getoption("all") and not config.getoption("--hypothesis-profile"):
+        settings.load_profile("all")
 
 
 def pytest_sessionstart(session):

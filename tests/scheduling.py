@@ -11,8 +11,8 @@ _TESTS = Path(__file__).parent
 class InOrder(LoadScopeScheduling):
     """Hands out tests in the order of tests/conftest.py: a process that is free takes the next.
 
-    Only those stay in one process that share something: a browser, what a fixture makes once for a
-    module, or machine code that takes ten seconds to compile.
+    Only those stay in one process that share something: a browser, what a fixture or a function
+    makes once for a module, or machine code that takes ten seconds to compile.
     """
 
     def __init__(self, config, log):
@@ -30,11 +30,11 @@ class InOrder(LoadScopeScheduling):
 
 @functools.cache
 def _shares(path: str) -> bool:
-    """Whether a fixture of a file, or of its folder, makes something for a module."""
+    """Whether something of a file, or of its folder, is made once: by a fixture, or a function."""
     file = _TESTS.parent / path
     texts = (
         each.read_text(encoding="utf-8")
         for each in (file, file.with_name("conftest.py"))
         if each.exists()
     )
-    return any('scope="module"' in text for text in texts)
+    return any('scope="module"' in text or "@functools.cache" in text for text in texts)

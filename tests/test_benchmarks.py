@@ -305,6 +305,13 @@ def test_bad_input_is_one_sentence(options, named, capsys):
 
 
 @pytest.mark.slow
+def test_a_race_that_somebody_ends_ends_the_benchmark(monkeypatch, capsys):
+    ended = {"finished": False, "dnf_reason": "interrupted"}
+    monkeypatch.setattr("benchmarks.whole_race.run_race", lambda *args, **options: ended)
+    assert call("hitl", "--delays", "0", "--losses", "0") == 1
+    assert "not finished" not in capsys.readouterr().out
+
+
 def test_longer_tracks_are_compared_with_shorter_ones(run):
     table, rows, _ = run("growth", "--runs", 1, "--scenario_text", SHORT, code=1)
     assert [row["gates"] for row in rows] == [10, 20]

@@ -89,10 +89,10 @@ class Replay:
 
 
 def still(replay: Replay, lap: dict, path: Path) -> None:
-    """Writes the track, two thirds through a lap."""
+    """Writes the track, a third through a lap, where no panel is above the drone."""
     replay.open(_STILL, "overview")
     replay.look(lap["start_s"])  # the first frame loads what it shows
-    picture = replay.look(lap["start_s"] + 0.66 * lap["time_s"])
+    picture = replay.look(lap["start_s"] + 0.36 * lap["time_s"])
     picture.save(path, quality=65, method=6)
 
 

@@ -5,6 +5,9 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from airrace.common.waiting import waiting
+from airrace.recording.race_json import check_run
+
 EPILOG = """\
 examples:
   airrace tables runs/NAME                  which tables there are
@@ -26,11 +29,10 @@ def report(run: Annotated[Path, Parameter(metavar="RUN")], /) -> int:
     Args:
         run: the folder that a race left
     """
-    from rich.console import Console
+    check_run(run)
+    with waiting("Writing report.html"):
+        from airrace.analysis.report import write_report
 
-    from airrace.analysis.report import write_report
-
-    with Console(stderr=True).status("Writing report.html ..."):
         path = write_report(run)
     print(f"Report: {path}")
     return 0
@@ -53,18 +55,18 @@ def tables(
     from rich.console import Console
     from rich.table import Table
 
-    from airrace.analysis.run import load_run
+    check_run(run)
+    with waiting("Reading what was recorded"):
+        from airrace.analysis.run import load_run
 
-    console = Console()
-    with console.status("Reading ..."):
         race = load_run(run)
     if export is not None:
-        with console.status("Writing ..."):
+        with waiting("Writing the tables"):
             paths = race.export(export, format)
         print(f"{len(paths)} tables: {export}")
         return 0
     table = Table("table", "rows", "columns")
     for name, signal in race.tables.items():
         table.add_row(name, str(len(signal)), ", ".join(map(str, signal)))
-    console.print(table)
+    Console().print(table)
     return 0

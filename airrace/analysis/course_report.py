@@ -44,7 +44,7 @@ def make_course_report(folder: Path) -> str:
 
     Raises UserError if it was not recorded, or something of it cannot be read.
     """
-    from airrace.analysis.figure_style import inline_svg
+    from airrace.analysis.figure_style import Sheet, inline_pictures
 
     result = read_course_json(folder / "race.json")
     log = folder / LOG
@@ -56,11 +56,15 @@ def make_course_report(folder: Path) -> str:
     path = _flown(state, result["start_s"])
     gates = passages(track, path, result["gates_passed"])
     title = "The course from above and from the side"
+
+    def draw(sheet: Sheet) -> "Figure":
+        return course_figure(track, path, gates, sheet.width)
+
     return page_template("airrace.analysis", _PAGE).render(
         result=result,
         folder=folder.resolve().name,
         gates=gates,
-        pictures={title: inline_svg(course_figure(track, path, gates), title)},
+        pictures={title: inline_pictures(draw, title)},
     )
 
 
@@ -126,12 +130,14 @@ def _where(right: float, up: float, opening: Opening) -> str:
     return " and ".join(words) + " of the opening" + (", on the frame" if frame else "")
 
 
-def course_figure(track: Course, path: np.ndarray, gates: list[Passage]) -> "Figure":
-    """Returns the course from above with the flown path, and heights over time."""
+def course_figure(
+    track: Course, path: np.ndarray, gates: list[Passage], width: float = 9.0
+) -> "Figure":
+    """Returns the course from above with the flown path, and heights over time; width: (inches)."""
     from airrace.analysis.figure_style import FAINT, INK, make_figure
     from airrace.track.plot import draw_gates
 
-    figure = make_figure(9, 9)
+    figure = make_figure(width, 3 + 2 * width / 3)
     plan, side = figure.subplots(2, 1, height_ratios=[3, 1])
     plan.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     draw_gates(plan, track, FAINT, FAINT)

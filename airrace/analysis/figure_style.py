@@ -1,5 +1,8 @@
 """How the report's pictures look: vector graphics that follow the page's theme, light or dark.
 
+Each is drawn twice, for the width of a desk's window and for that of a phone's: letters of a
+picture that is made smaller to fit could not be read. The style sheet shows one of them.
+
 A picture is drawn for white paper. On a page, the colours of THEME become variables of its style
 sheet; all other colours are such that they can be seen on white and on dark paper.
 """
@@ -7,7 +10,8 @@ sheet; all other colours are such that they can be seen on white and on dark pap
 import io
 import re
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
@@ -59,9 +63,45 @@ RMS = dict(label="RMS", color=INK, marker="o", ms=4, lw=1.2)
 _TIP = "tip:"
 
 
+class Sheet(NamedTuple):
+    """What a picture is drawn on."""
+
+    name: str  #: of its class in the style sheet
+    width: float  #: (inches)
+    is_wide: bool  #: whether panels have room side by side
+
+
+DESK, PHONE = Sheet("desk", 9.0, True), Sheet("phone", 4.2, False)
+
+
 def make_figure(width: float, height: float, **options: Any) -> Figure:
     """Returns an empty figure of some size (inches); options are Figure's."""
     return Figure(figsize=(width, height), layout="constrained", **options)
+
+
+def height_from_above(sheet: Sheet, places: np.ndarray) -> float:
+    """Returns how high a picture of places (n, 2) from above is (inches)."""
+    if sheet.is_wide:
+        return 7.2
+    across, along = np.ptp(places, axis=0)
+    return 1.7 + min(0.9 * along / across, 1.5) * sheet.width  # beside it, what is around it
+
+
+def make_pair(
+    sheet: Sheet, widths: tuple[float, float], heights: tuple[float, float]
+) -> tuple[Figure, Any, Any]:
+    """Returns a figure and its two panels: side by side, or on a phone one below the other.
+
+    Args:
+        sheet: of the figure.
+        widths: of the panels side by side, shares.
+        heights: of the panels one below the other (inches); of both side by side, the greater.
+    """
+    if sheet.is_wide:
+        figure = make_figure(sheet.width, max(heights))
+        return figure, *figure.subplots(1, 2, width_ratios=widths)
+    figure = make_figure(sheet.width, sum(heights))
+    return figure, *figure.subplots(2, 1, height_ratios=heights)
 
 
 def lap_style(lap: int, best: int | None) -> dict:
@@ -82,10 +122,12 @@ def add_tip(artist: "Artist", words: str) -> None:
 
 
 def add_legend(figure: Figure, axes: "Axes", place: str = "outside right upper") -> None:
-    """Adds a legend beside the picture that names everything of some axes once."""
+    """Adds a legend beside a picture, or on a phone above it, that names all of some axes once."""
     handles, labels = axes.get_legend_handles_labels()
-    once = dict(zip(labels, handles))
-    options: dict[str, Any] = dict(loc=place, ncols=1 if "right" in place else 6)
+    once, is_wide = dict(zip(labels, handles)), figure.get_figwidth() > PHONE.width
+    place = place if is_wide else place.replace("right upper", "upper center")
+    columns = 1 if "right" in place else 6 if is_wide else 2
+    options: dict[str, Any] = dict(loc=place, ncols=columns)
     figure.legend([*once.values()], [*once], **options)
 
 
@@ -96,6 +138,14 @@ def add_colorbar(
     bar = figure.colorbar(mappable, ax=axes, label=label, **options)
     assert bar.solids is not None  # as of lines of contours alone
     bar.solids.set_edgecolor("face")  # no hairlines between its colours
+
+
+def inline_pictures(draw: Callable[[Sheet], Figure], name: str) -> dict[str, str]:
+    """Returns a picture as <svg> elements for a page, one for each sheet, by the sheets' names.
+
+    Args: draw: makes its figure. name: unlike any other picture's of the page.
+    """
+    return {sheet.name: inline_svg(draw(sheet), f"{name}, {sheet.name}") for sheet in (DESK, PHONE)}
 
 
 def inline_svg(figure: Figure, name: str) -> str:

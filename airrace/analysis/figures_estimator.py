@@ -6,7 +6,16 @@ import numpy as np
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from scipy.special import chdtr
 
-from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, add_tip, make_figure
+from airrace.analysis.figure_style import (
+    DESK,
+    INK,
+    MUTED,
+    SHADE,
+    Sheet,
+    add_legend,
+    add_tip,
+    make_figure,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,11 +57,12 @@ def error_statistics(run: "Run") -> dict[str, float]:
     }
 
 
-def errors_figure(run: "Run") -> "Figure":
+def errors_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the errors of attitude, position and velocity, with three standard deviations."""
     rows = _airborne(run)
-    figure = make_figure(9, 5.6)
-    grid = figure.subplots(len(_ERRORS), 3, sharex=True)
+    lines, columns = (len(_ERRORS), 3) if sheet.is_wide else (3 * len(_ERRORS), 1)
+    figure = make_figure(sheet.width, 0.8 + 1.6 * lines)
+    grid = figure.subplots(lines, columns, sharex=True).reshape(len(_ERRORS), 3)
     for (name, unit, scale), line in zip(_ERRORS, grid):
         for axis, axes in zip("xyz", line):
             error = scale * rows[f"{name}_error_{axis}"]
@@ -71,24 +81,26 @@ def errors_figure(run: "Run") -> "Figure":
             )
             _mark_laps(axes, run)
             _limit(axes, np.maximum(np.abs(error), bound))
-        line[0].set_ylabel(f"{name} ({unit})")
-    for axes in grid[-1]:
+        for axes in line[: 1 if sheet.is_wide else 3]:
+            axes.set_ylabel(f"{name} ({unit})")
+    for axes in grid[-1, 0 if sheet.is_wide else 2 :]:
         axes.set_xlabel("time (s)")
     add_legend(figure, grid[0][0], "outside lower left")
     return figure
 
 
-def certainty_figure(run: "Run") -> "Figure":
+def certainty_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns NEES, innovations, gaps without markers, and biases."""
     rows = _airborne(run)
-    figure = make_figure(9, 5.0)
-    grid = figure.add_gridspec(2, 6)
-    nees, innovations = (figure.add_subplot(grid[0, part]) for part in (slice(4), slice(4, 6)))
-    gaps, *biases = (figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(3))
+    figure = make_figure(sheet.width, 5.0 if sheet.is_wide else 11.0)
+    # On a desk two rows, of which the first has a wide panel; on a phone, all of one width.
+    layout = ("aaaabb", "ccddee") if sheet.is_wide else "abcde"
+    panels = figure.subplot_mosaic("\n".join(layout))
+    nees, innovations, gaps, *biases = (panels[name] for name in "abcde")
     at = _greatest(rows["nees"])
     nees.plot(rows["time"].to_numpy()[at], rows["nees"].iloc[at], color=INK, lw=0.7)
     nees.axhline(1.0, color=INK, lw=1, ls="--")
-    nees.set(xlabel="time (s)", ylabel="NEES a dimension", yscale="log")
+    nees.set(xlabel="time (s)", ylabel="NEES per dimension", yscale="log")
     nees.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     nees.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     nees.yaxis.set_minor_formatter(NullFormatter())

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from airrace.analysis.figure_style import FAINT, MUTED, add_tip, make_figure
+from airrace.analysis.figure_style import DESK, FAINT, MUTED, Sheet, add_tip, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,11 +22,11 @@ def states(run: "Run") -> list:
     return [(state, start, end) for (state, start), end in zip(events, ends)]
 
 
-def timeline_figure(run: "Run") -> "Figure":
+def timeline_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the explorer's states over time."""
     spans = states(run)
     names = list(dict.fromkeys(name for name, *_ in spans))
-    figure = make_figure(9, 0.9 + 0.24 * max(len(names), 1))
+    figure = make_figure(sheet.width, 0.9 + 0.24 * max(len(names), 1))
     axes = figure.add_subplot(xlabel="time (s)")
     for name, start, end in spans:
         bars = axes.broken_barh(

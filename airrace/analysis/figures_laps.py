@@ -6,9 +6,11 @@ import numpy as np
 
 from airrace.analysis.along_lap import LapProfile, best_lap, lap_profiles, leg_losses
 from airrace.analysis.figure_style import (
+    DESK,
     INK,
     MUTED,
     SHADE,
+    Sheet,
     add_legend,
     add_tip,
     lap_style,
@@ -25,12 +27,12 @@ if TYPE_CHECKING:
     from airrace.analysis.run import Run
 
 
-def along_figure(run: "Run") -> "Figure":
+def along_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns speed, time behind the best lap, and height along all laps."""
     profiles, best = lap_profiles(run), best_lap(run) or 0
     compare = len(profiles) > 1
     heights = (2.2, 1.4, 1.0) if compare else (2.2, 1.0)
-    figure = make_figure(9, 1.3 + 1.2 * sum(heights))
+    figure = make_figure(sheet.width, 1.3 + 1.2 * sum(heights))
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     speed, height = panels[0], panels[-1]
     for lap, profile in profiles.items():
@@ -56,10 +58,10 @@ def along_figure(run: "Run") -> "Figure":
     return figure
 
 
-def losses_figure(run: "Run") -> "Figure":
+def losses_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the time that each lap lost between two gates against the best lap."""
     losses = leg_losses(run)
-    figure = make_figure(9, 3)
+    figure = make_figure(sheet.width, 3)
     axes = figure.add_subplot(xlabel="from gate to gate", ylabel="lost (s)")
     n = len(run.track.gates)
     for lap, seconds in losses.items():
@@ -70,17 +72,18 @@ def losses_figure(run: "Run") -> "Figure":
     axes.hlines(middle, *_ends(n), color=INK, lw=1.6, label="median")
     axes.axhline(0.0, color=INK, lw=0.8)
     axes.set_xticks(range(1, n + 1), [f"{leg}–{leg % n + 1}" for leg in range(1, n + 1)])
+    axes.tick_params(axis="x", rotation=0 if sheet.is_wide else 90)
     axes.grid(axis="x", visible=False)
     add_legend(figure, axes)
     return figure
 
 
-def offsets_figure(run: "Run") -> "Figure":
+def offsets_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns how far from its midpoint each gate was crossed, lap by lap, and the pylons."""
     best, laps = best_lap(run), run.result["laps"]
     offsets = np.array([lap["gate_offsets_m"] for lap in laps])
     halves = np.array([gate.pylon_spacing / 2 for gate in run.track.gates])
-    figure = make_figure(9, 3)
+    figure = make_figure(sheet.width, 3)
     axes = figure.add_subplot(xlabel="gate", ylabel="from the midpoint (m)")
     for lap, row in zip(laps, offsets):
         number = lap["lap"]

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, make_figure
+from airrace.analysis.figure_style import (
+    DESK,
+    INK,
+    MUTED,
+    SHADE,
+    Sheet,
+    add_legend,
+    height_from_above,
+    make_figure,
+)
 from airrace.common.colors import BEST, EARLIER
 from airrace.track.plot import draw_gates
 from airrace.trajopt.body_frames import body_frames
@@ -52,9 +61,9 @@ def flat_outputs(samples: pd.DataFrame) -> np.ndarray:
     return np.vstack(Reference(*parts))
 
 
-def plans_figure(run: "Run") -> "Figure":
+def plans_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the last plan from above with its body axes, and all before it in orange."""
-    figure = make_figure(9, 7.2)
+    figure = make_figure(sheet.width, height_from_above(sheet, run.track.pylons()[:, :2]))
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     draw_gates(axes, run.track, INK, SHADE)
     *earlier, newest = planned_laps(run).values()
@@ -63,7 +72,9 @@ def plans_figure(run: "Run") -> "Figure":
         axes.plot(*_closed(samples), color=EARLIER, lw=1.3, alpha=opacity, label=label, zorder=3)
     axes.plot(*_closed(newest), color=MUTED, lw=1.0, label="the last plan", zorder=4)
     position, x_axes, z_axes = body_frames(flat_outputs(newest))
-    arrows: dict[str, Any] = dict(angles="xy", scale_units="xy", width=0.0016)
+    # Of the picture's width.
+    line = 0.0144 / sheet.width
+    arrows: dict[str, Any] = dict(angles="xy", scale_units="xy", width=line)
     axes.quiver(
         *position[:2],
         *z_axes[:2],

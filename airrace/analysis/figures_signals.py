@@ -7,14 +7,16 @@ import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.figure_style import (
+    DESK,
     INK,
     MUTED,
     RMS,
     SHADE,
     SHADES,
     WORST,
+    Sheet,
     add_legend,
-    make_figure,
+    make_pair,
 )
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from airrace.analysis.run import Run
 
 _BINS = 400  # of a line over time, each with its greatest value
-_NUMBERS = 14  # laps in the table of a map's errors whose numbers have room
+_NUMBERS = 14, 11  # laps in the table of a map's errors whose numbers have room; on a phone
 
 
 def map_by_lap(run: "Run") -> pd.DataFrame:
@@ -40,18 +42,18 @@ def map_by_gate(run: "Run") -> pd.DataFrame:
     return (map_by_lap(run) ** 2).groupby(lambda marker: marker // 4 + 1).mean() ** 0.5
 
 
-def map_figure(run: "Run") -> "Figure":
+def map_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the error of the map after the exploration and each lap: of all, and by gate."""
     errors, by_gate = 100 * map_by_lap(run), 100 * map_by_gate(run)
     laps, gates = errors.columns, by_gate.index
-    figure = make_figure(9, 1.4 + 0.24 * max(len(gates), 6))
-    left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
+    height = 1.4 + 0.24 * max(len(gates), 6)
+    figure, left, right = make_pair(sheet, (1.0, 2.4), (2.2, height))
     left.set(xlabel="after lap (0: exploring)", ylabel="front markers' error (cm)")
     front = errors[errors.index % 2 == 0]
     if len(front):
         left.plot(laps, front.max(), **WORST)
         left.plot(laps, np.sqrt((front**2).mean()), **RMS)
-        add_legend(figure, left, "outside lower left")
+        add_legend(figure, left, f"outside {'lower' if sheet.is_wide else 'upper'} left")
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     right.set(xlabel="after lap", ylabel="gate", title="RMS of each gate's markers (cm)")
@@ -63,7 +65,7 @@ def map_figure(run: "Run") -> "Figure":
         right.set_yticks(gates)
         right.invert_yaxis()
         decimals = 1 if np.nanmax(by_gate.to_numpy()) >= 1.0 else 2
-        if len(laps) <= _NUMBERS:
+        if len(laps) <= _NUMBERS[not sheet.is_wide]:
             for lap, column in by_gate.items():
                 for gate, error in column.dropna().items():
                     right.text(
@@ -73,11 +75,10 @@ def map_figure(run: "Run") -> "Figure":
     return figure
 
 
-def tracking_figure(run: "Run") -> "Figure":
+def tracking_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns how far the drone was from its reference, over time and lap by lap."""
     time, lap, off = run.tracking["time"], run.tracking["lap"], 100 * run.tracking["distance"]
-    figure = make_figure(9, 3)
-    left, right = figure.subplots(1, 2, width_ratios=(2.4, 1))
+    figure, left, right = make_pair(sheet, (2.4, 1.0), (3.0, 2.2))
     left.set(xlabel="time (s)", ylabel="off the reference (cm)", yscale="log")
     bins = np.arange(len(time)) * min(_BINS, len(time)) // len(time)
     worst = off.groupby(bins).max().clip(lower=0.01)
@@ -107,11 +108,10 @@ def rotor_usage(run: "Run") -> list:
     ]
 
 
-def rotors_figure(run: "Run") -> "Figure":
+def rotors_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns how much of its thrust each rotor used."""
     usage = [100 * share for share in rotor_usage(run)]
-    figure = make_figure(9, 3)
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.4))
+    figure, left, right = make_pair(sheet, (1.0, 1.4), (3.0, 2.6))
     left.boxplot(
         usage,
         whis=(1, 99),

@@ -6,12 +6,15 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from airrace.analysis.figure_style import (
+    DESK,
     FAINT,
     INK,
     SHADE,
     SPEED_COLORS,
+    Sheet,
     add_colorbar,
     add_legend,
+    height_from_above,
     make_figure,
 )
 from airrace.scenario.lap_limits import speed_scale_end
@@ -25,9 +28,9 @@ if TYPE_CHECKING:
 _STEP = 2.5  # m of a piece of a lap, which has one colour
 
 
-def track_figure(run: "Run") -> "Figure":
+def track_figure(run: "Run", sheet: Sheet = DESK) -> "Figure":
     """Returns the track from above with the flown laps, coloured by speed."""
-    figure = make_figure(9, 7.2)
+    figure = make_figure(sheet.width, height_from_above(sheet, run.track.pylons()[:, :2]))
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     laps = {lap: _thinned(state) for lap, state in run.state.groupby("lap")}
     exploring = laps.get(0, run.state)
@@ -41,7 +44,8 @@ def track_figure(run: "Run") -> "Figure":
         lines.set_array(np.concatenate([state["speed"][:-1] for state in raced]))
         lines.set_clim(0.0, speed_scale_end(run.result["limits"]))
         axes.add_collection(lines)
-        add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
+        place = "right" if sheet.is_wide else "bottom"
+        add_colorbar(figure, lines, axes, "speed (m/s)", location=place, shrink=0.75, pad=0.02)
     draw_gates(axes, run.track, INK, SHADE)
     start = run.track.start.position
     axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")

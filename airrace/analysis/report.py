@@ -1,6 +1,8 @@
 """report.html of a run: a page of pictures and tables that needs nothing else."""
 
+import functools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +17,11 @@ from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_json import RaceJson, WallJson, is_course_json
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import trajectory_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from airrace.analysis.figure_style import Sheet
 
 FILE = "report.html"
 # Topics that it says nothing of.
@@ -77,11 +84,12 @@ def _summary(run: Run) -> dict:
     )
 
 
-def _pictures(run: Run) -> dict[str, str]:
-    """Returns an <svg> element by the title of every section that this run has data for."""
+def _pictures(run: Run) -> dict[str, dict[str, str]]:
+    """Returns <svg> elements by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
     from airrace.analysis import (
+        figures_blackbox,
         figures_estimator,
         figures_explorer,
         figures_laps,
@@ -90,9 +98,15 @@ def _pictures(run: Run) -> dict[str, str]:
         figures_track,
     )
     from airrace.analysis.along_lap import lap_profiles, leg_losses
-    from airrace.analysis.figure_style import STYLE, inline_svg
+    from airrace.analysis.figure_style import STYLE, inline_pictures
 
     laps = run.result["laps"]
+    log = figures_blackbox.read_log(run)
+
+    def draw_log(run: Run, sheet: "Sheet") -> "Figure":
+        assert log is not None
+        return figures_blackbox.rates_figure(run, log, sheet)
+
     sections = (
         ("The track from above", True, figures_track.track_figure),
         ("The planned laps", figures_plans.planned_laps(run), figures_plans.plans_figure),
@@ -104,6 +118,7 @@ def _pictures(run: Run) -> dict[str, str]:
         (_ESTIMATE, len(run.estimator) > 1, figures_estimator.errors_figure),
         (_CERTAINTY, len(run.estimator) > 1, figures_estimator.certainty_figure),
         ("Rotors", len(run.rotors), figures_signals.rotors_figure),
+        ("Betaflight", log is not None, draw_log),
         (
             "What the explorer did",
             run.result["exploration"]["events"],
@@ -111,7 +126,11 @@ def _pictures(run: Run) -> dict[str, str]:
         ),
     )
     with rc_context(STYLE):
-        return {title: inline_svg(draw(run), title) for title, data, draw in sections if data}
+        return {
+            title: inline_pictures(functools.partial(draw, run), title)
+            for title, data, draw in sections
+            if data
+        }
 
 
 def write_report(folder: str | Path) -> Path:

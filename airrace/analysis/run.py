@@ -45,7 +45,7 @@ class Run:
                    the body: angular velocity (rad/s), specific force (m/s^2)
     imu_samples    all samples of the IMU, only with ``--estimator vio``
     estimator      a row a picture, only with ``vio``: errors of attitude (in axes of the body),
-                   position and velocity, their standard deviations, NEES a dimension, biases
+                   position and velocity, their standard deviations, NEES per dimension, biases
     innovations    a row a picture and marker, only with ``vio``: normalised innovation squared
     rotors         a row a rotor and time: speed, command (rad/s), nominal thrust (N)
     detections     a row a marker and image: pose in the camera frame, range

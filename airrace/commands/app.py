@@ -8,6 +8,7 @@ from typing import Literal
 from cyclopts import App
 
 from airrace.analysis import command as analysis
+from airrace.betaflight import command as betaflight
 from airrace.commands import doctor, new, race
 from airrace.common import command_line
 from airrace.common.command_line import run_app
@@ -27,7 +28,9 @@ examples:
   airrace completion bash > ~/.local/share/bash-completion/completions/airrace
   airrace completion zsh > ~/.zsh/completions/_airrace      a folder of fpath
   airrace completion fish > ~/.config/fish/completions/airrace.fish"""
-_ROOMS = (race, visualization, analysis, track, evaluation, league, hitl, mavlink, doctor, new)
+_ROOMS = (
+    race, visualization, analysis, track, evaluation, league, hitl, mavlink, betaflight, doctor, new
+)  # fmt: skip
 
 
 def make_app() -> App:

@@ -3,6 +3,7 @@
 import importlib
 import platform
 import shutil
+from collections.abc import Iterator
 
 import numba
 
@@ -16,6 +17,7 @@ from airrace.scenario import TRUTH
 
 _FREE = 1.0  # GB, for results; ten laps take 22 MB
 _WRITTEN = 0.2  # GB, less and a race may not fit
+_PACE = 5.0  # times real time, of a firmware that shares the time with all others
 _CORES = 2  # two processes share the work in HITL
 _PACKAGES = ("pydrake", "cv2", "numba", "scipy", "pandas", "distributed", "foxglove")
 
@@ -27,6 +29,7 @@ def check_computer() -> list[Row]:
         Row("Python", platform.python_version(), "3.12 or newer", GOOD, ""),
         *(_package(name) for name in _PACKAGES),
         _vtk(),
+        *_betaflight(),
         _machine_code(),
         _cores(),
         _priority(),
@@ -51,6 +54,23 @@ def _vtk() -> Row:
     except UserError as e:
         return Row("--renderer vtk", "no", "only if you want it", WEAK, str(e))
     return Row("--renderer vtk", "yes", "only if you want it", GOOD, "")
+
+
+def _betaflight() -> Iterator[Row]:
+    from airrace.betaflight.firmware import find_firmware
+    from airrace.betaflight.firmware_process import steps_a_second
+
+    what, needed = "Betaflight", "only if you want it"
+    try:
+        firmware = find_firmware()
+        yield Row(what, f"{firmware.version}, in {firmware.program.parent}", needed, GOOD, "")
+        pace = steps_a_second(firmware) / 1000.0
+    except UserError as e:
+        yield Row(what, "no", needed, WEAK, str(e))
+        return
+    remedy = "end other programs: races with it are slow" if pace < _PACE else ""
+    status = WEAK if remedy else GOOD
+    yield Row("Betaflight alone", f"{pace:.0f} x real time", f"{_PACE:g} x", status, remedy)
 
 
 def _machine_code() -> Row:

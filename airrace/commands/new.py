@@ -11,6 +11,7 @@ from typing import Literal
 
 from cyclopts import App
 
+from airrace.common.command_line import typed_command
 from airrace.common.errors import UserError
 from airrace.common.resources import models_path
 
@@ -42,12 +43,12 @@ def new(
     """
     makers = {"drone": _drone, "track": _track, "entry": _entry, "season": _season}
     command = makers.get(kind, _system)(kind, name)
-    print(f"Race it with:\n  {command}")
+    print(f"Race it with:\n  {typed_command()} {command}")
     return 0
 
 
 def _drone(kind: str, name: str) -> str:
-    """Makes the folder of a drone; returns the command that races it."""
+    """Makes the folder of a drone; returns the subcommand that races it."""
     _check_name(name)
     source = models_path() / "default"
     vehicle = (source / "vehicle.yaml").read_text(encoding="utf-8")
@@ -57,19 +58,19 @@ def _drone(kind: str, name: str) -> str:
     vehicle = vehicle.replace("model: default.sdf ", f"model: {name}.sdf ")
     sdf = (source / "default.sdf").read_text(encoding="utf-8")
     _write({Path(name, "vehicle.yaml"): vehicle, Path(name, f"{name}.sdf"): sdf})
-    return f"airrace race -d ./{name} --track hexagon --laps 1"
+    return f"race -d ./{name} --track hexagon --laps 1"
 
 
 def _track(kind: str, name: str) -> str:
-    """Makes the file of a track; returns the command that races it."""
+    """Makes the file of a track; returns the subcommand that races it."""
     _check_name(name)
     text = (models_path() / "templates" / "track.yaml").read_text(encoding="utf-8")
     _write({Path(f"{name}.yaml"): text.replace("NAME", name)})
-    return f"airrace race --track {name}.yaml --laps 1"
+    return f"race --track {name}.yaml --laps 1"
 
 
 def _entry(kind: str, name: str) -> str:
-    """Makes the folder of an entry of a league; returns the command that checks it."""
+    """Makes the folder of an entry of a league; returns the subcommand that checks it."""
     _check_name(name)
     templates = sorted((models_path() / "templates" / "entry").iterdir())
     _write(
@@ -79,21 +80,21 @@ def _entry(kind: str, name: str) -> str:
             if path.is_file()
         }
     )
-    return f"airrace league check {name}"
+    return f"league check {name}"
 
 
 def _season(kind: str, name: str) -> str:
-    """Makes the file of a season and its secret seed; returns the command that flies it."""
+    """Makes the file of a season and its secret seed; returns the subcommand that flies it."""
     _check_name(name)
     text = (models_path() / "templates" / "season.yaml").read_text(encoding="utf-8")
     secret = f"{secrets.token_hex(16)}\n"
     files = {Path(f"{name}.yaml"): text.replace("NAME", name), Path(f"{name}.seed"): secret}
     _write(files, secret=Path(f"{name}.seed"))
-    return f"airrace league run {name}.yaml original optimal"
+    return f"league run {name}.yaml original optimal"
 
 
 def _system(kind: str, name: str) -> str:
-    """Makes the module of a system; returns the command that races it."""
+    """Makes the module of a system; returns the subcommand that races it."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise UserError(f"'{name}' cannot be a Python module; use letters, digits and _ only.")
     if importlib.util.find_spec(name) is not None:
@@ -101,7 +102,8 @@ def _system(kind: str, name: str) -> str:
     text = (models_path() / "templates" / f"{kind}.py").read_text(encoding="utf-8")
     text = text.replace("NAME", name)
     _write({Path(f"{name}.py"): text})
-    return next(line for line in text.splitlines() if "airrace race" in line).strip()
+    command = next(line for line in text.splitlines() if "airrace race" in line)
+    return command.strip().removeprefix("airrace ")
 
 
 def _check_name(name: str) -> None:

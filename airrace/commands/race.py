@@ -8,8 +8,10 @@ from cyclopts import App, Parameter
 
 from airrace.common.errors import UserError
 from airrace.common.interrupts import sigterm_as_ctrl_c
-from airrace.diagrams.race_command import EPILOG, fly
+from airrace.diagrams.race_command import EPILOG, fly, race_scenario
 from airrace.hitl.command import LINK, HitlOptions, fly_hitl
+from airrace.scenario import INTERNAL, MSP
+from airrace.scenario.options import RACE
 
 MAVLINK = "MAVLINK"
 
@@ -25,6 +27,18 @@ class AnyRaceOptions(HitlOptions):
     (
         "where the autonomy runs: software or hardware in the loop, or MAVLINK = a client of the "
         "AI Grand Prix flies, see airrace grand-prix --help (default: SITL, in this process)"
+    )
+    flight_controller: Annotated[
+        Literal["internal", "betaflight"] | None, Parameter(group=RACE)
+    ] = None
+    (
+        "what drives the motors: internal = the controller itself; betaflight = the firmware that "
+        "racing drones fly, see airrace betaflight --help (default: internal)"
+    )
+    betaflight_config: Annotated[str | None, Parameter(group=RACE, metavar="FILE")] = None
+    (
+        "the firmware's settings, lines of its command line, such as its `diff all` "
+        "(default: the drone's betaflight.txt)"
     )
 
 
@@ -53,8 +67,22 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if options.simulation == MAVLINK:
         raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "HITL":
+        if race_scenario(options).flight_controller != INTERNAL:
+            raise UserError("Betaflight is flown in this process: leave out -s HITL.")
         return fly_hitl(options, quiet)
     for name in ("companion", "identity", "wheels", "lcm_url", "link_key", "lockstep"):
         if getattr(options, name):
             raise UserError(f"--{name} is for hardware in the loop: add -s HITL.")
-    return fly(options, quiet)
+    scenario = race_scenario(options)
+    if scenario.flight_controller.startswith(MSP):
+        raise UserError(
+            "A board is commanded by an autonomy that a person starts beside it: airrace hitl "
+            f"autonomy --flight_controller {scenario.flight_controller}."
+        )
+    if scenario.flight_controller == INTERNAL:
+        return fly(options, quiet, scenario=scenario)
+    from airrace.betaflight.firmware import find_firmware
+    from airrace.betaflight.transport import join_betaflight
+
+    find_firmware()  # before anything that takes a while
+    return fly(options, quiet, scenario=scenario, transport=join_betaflight)

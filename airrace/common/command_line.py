@@ -4,6 +4,9 @@ Cyclopts makes options and help of a function's parameters, their types and docs
 """
 
 import os
+import shlex
+import shutil
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -57,6 +60,26 @@ def make_app(name: str, version: str, help: str, *subcommands: Callable[[App], N
     return app
 
 
+def typed_command() -> str:
+    """Returns the command `airrace` as it works for whoever started this process.
+
+    In a clone, that is a Python with -m airrace; where airrace is no command on PATH, its path.
+    """
+    words, program = sys.orig_argv, sys.argv[0]
+    options = len(words) - len(sys.argv) + 1
+    if words[options - 2 : options] == ["-m", "airrace"]:
+        return shlex.join([_beside(words[0]), "-m", "airrace"])
+    if os.path.basename(program) == "airrace" and shutil.which("airrace") != program:
+        return shlex.quote(_beside(program))
+    return "airrace"
+
+
+def _beside(program: str) -> str:
+    """Returns the path of a program, from the working folder if it is below that."""
+    path = os.path.relpath(program) if os.path.isabs(program) else program
+    return program if path.startswith(os.pardir) else path
+
+
 def run_app(app: App, words: Sequence[str | Path]) -> int:
     """Calls a subcommand, says what is wrong if anything is, and returns the exit code."""
     return exit_code(lambda: _call(app, [str(word) for word in words]))
@@ -76,7 +99,7 @@ def _call(app: App, words: list[str]) -> int:
     try:
         code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as e:
-        command = " ".join([*app.name, *(e.command_chain or ())])
+        command = " ".join([typed_command(), *(e.command_chain or ())])
         raise UserError(f"{_sentence(e)} See {command} --help.") from None
     return code or 0
 

@@ -1,4 +1,4 @@
-"""The one exception that means "the user can fix this", and what programs make of it."""
+"""The exceptions that mean "the user can fix this", and what programs make of them."""
 
 import os
 import sys
@@ -19,6 +19,13 @@ class UserError(Exception):
         super().__init__(printable(sentence))
 
 
+class OwnCodeError(Exception):
+    """Code of the user's own has raised an exception, which is the cause of this one.
+
+    Its message is what a terminal shows: where in the user's own files, then one sentence.
+    """
+
+
 def words(error: BaseException) -> str:
     """Returns what an error says, on one line and without a full stop."""
     text = " ".join(printable(getattr(error, "strerror", None) or str(error)).split())
@@ -28,7 +35,8 @@ def words(error: BaseException) -> str:
 def exit_code(program: Callable[[], int]) -> int:
     """Calls a command-line program; returns its exit code.
 
-    Bad input is one sentence and 2, Ctrl-C is 1, and so is a reader that has left.
+    Bad input is one sentence and 2, Ctrl-C is 1, and so are a reader that has left, and a mistake
+    in code of the user's own.
     """
     try:
         code = program()
@@ -38,6 +46,9 @@ def exit_code(program: Callable[[], int]) -> int:
     except UserError as e:
         print(f"airrace: {e}", file=sys.stderr)
         return 2
+    except OwnCodeError as e:
+        print(e, file=sys.stderr)
+        return 1
     except BrokenPipeError:  # whoever read has left, such as head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is held back
         return 1

@@ -70,13 +70,13 @@ def choose_folder(package: Path = PACKAGE) -> Path:
     beside = package / "__pycache__" / name
     if _is_writable(beside):
         return beside
-    folder = _own_folder() / name
+    folder = own_folder() / name
     if beside.is_dir() and not folder.exists():
         _copy(beside, folder)
     return folder
 
 
-def _own_folder() -> Path:
+def own_folder() -> Path:
     """Returns the folder of this user for what can be made again."""
     home = os.path.expanduser("~/.cache")  # as it is if nobody knows the home
     folder = Path(os.environ.get("XDG_CACHE_HOME") or home) / "airrace"

@@ -1,14 +1,27 @@
-"""Systems that a scenario names in the place of airrace's own."""
+"""Systems that a scenario names in the place of airrace's own, and what goes wrong in them."""
 
 import importlib
+import sysconfig
 import traceback
 from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
 
 from pydrake.systems.framework import System
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.common.python_path import add_own_systems_folder
+from airrace.common.resources import PACKAGE
+from airrace.common.words import printable
 from airrace.scenario import Scenario
+from airrace.systems.contract import name_of
+
+# Where code is that is nobody's own: airrace, Python's library, and installed packages.
+_LIBRARIES = tuple(
+    Path(place).resolve()
+    for place in (str(PACKAGE), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
+)
 
 
 def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenario) -> System:
@@ -41,6 +54,8 @@ def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenari
         ) from e
     try:
         system = make(scenario)
+    except UserError as e:
+        raise UserError(f"systems.{name}: {path}: {e}") from e
     except Exception as e:
         raise UserError(
             f"systems.{name}: {path} cannot be called with the scenario ({_described(e)}); name a "
@@ -51,6 +66,42 @@ def make_system(name: str, make: Callable[[Scenario], System], scenario: Scenari
             f"systems.{name}: {path} must return a System, not a {type(system).__name__}."
         )
     return system
+
+
+class Mistake(NamedTuple):
+    """An exception in code of somebody's own."""
+
+    sentence: str  #: what raised which exception, and where; without a full stop
+    frames: list[str]  #: lines of the traceback that are of files of their own
+
+
+def find_mistake(error: BaseException, scenario: Scenario) -> Mistake | None:
+    """Returns what went wrong in systems of the scenario's own, or None if it was not there."""
+    places = list(traceback.walk_tb(error.__traceback__))
+    own = [k for k, (frame, _) in enumerate(places) if _is_own(frame.f_code.co_filename)]
+    if not (scenario.systems and own) or isinstance(error, UserError):
+        return None
+    summary = traceback.StackSummary.extract(iter(places))
+    last, kind, said = summary[own[-1]], type(error).__name__, words(error)
+    sentence = (
+        f"{_caller(places[own[0]][0])}() raised {kind if said == kind else f'{kind}: {said}'} "
+        f"({Path(last.filename).name}, line {last.lineno})"
+    )
+    lines = "".join(traceback.format_list([summary[k] for k in own])).splitlines()
+    return Mistake(printable(sentence), [*map(printable, lines)])
+
+
+def _is_own(file: str) -> bool:
+    path = Path(file).resolve()
+    return path.is_file() and not any(path.is_relative_to(place) for place in _LIBRARIES)
+
+
+def _caller(frame: FrameType) -> str:
+    """Returns the full name of what runs in a frame: with its object's class, if it is a method."""
+    code = frame.f_code
+    if "self" in frame.f_locals:
+        return f"{name_of(type(frame.f_locals['self']))}.{code.co_name}"
+    return f"{frame.f_globals['__name__']}.{code.co_qualname}"
 
 
 def _described(error: Exception) -> str:

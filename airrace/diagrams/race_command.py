@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from airrace.common.command_line import Whole
+from airrace.common.command_line import Whole, typed_command
 from airrace.common.errors import UserError, words
 from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.scenario.options import RACE, RUN, DroneOptions, resolve_scenario
@@ -48,46 +48,46 @@ class RaceOptions(DroneOptions):
     track: Annotated[str | None, Parameter(group=RACE, metavar="NAME|FILE")] = None
     "a shipped track, or a YAML file (default: student-airrace)"
     laps: Annotated[Whole | None, Parameter(group=RACE)] = None
-    "laps after exploring (default: 10)"
+    "laps to fly after exploring (default: 10)"
     seed: Annotated[Whole | None, Parameter(group=RACE)] = None
-    "seed of all randomness; the same seed, the same race (default: 0)"
+    "seed of all random numbers; the same seed gives the same race (default: 0)"
     renderer: Annotated[Literal["planar", "vtk", "none"] | None, Parameter(group=RACE)] = None
     (
-        "what draws the camera's image (default: planar, which is fast); none = there is no "
-        "camera, for races with --map"
+        "what draws the camera's image: planar is fast, vtk is Drake's own; none = there is no "
+        "camera, for races with --map (default: planar)"
     )
     map: Annotated[str | None, Parameter(group=RACE, metavar="track|FILE")] = None
     (
-        "races on a map that is given, with neither exploration nor detection: track = where the "
-        "gates are, or the map.json of an earlier race"
+        "give the drone a map, so that it neither explores nor looks for gates: track = the true "
+        "places of the gates; or the map.json of an earlier race"
     )
     output: Annotated[Path | None, Parameter(group=RUN, metavar="DIR")] = None
     (
-        "where the results go, a folder without results in it "
+        "where the results go: a new folder, or one without results "
         "(default: runs/<UTC time>-<track>-<drone>-<t>)"
     )
     meshcat: Annotated[bool, Parameter(group=RUN)] = True
     "show the race in a browser and leave a replay (default: yes)"
     linger: Annotated[float | None, Parameter(group=RUN, metavar="S")] = None
     (
-        "how long the page stays after the race if somebody watches it, in seconds; 0 = not at all "
+        "how many seconds the page stays after the race while somebody watches it; 0 = not at all "
         "(default: until Ctrl-C, or until the page is closed)"
     )
     allow_origin: Annotated[
         tuple[str, ...], Parameter(group=RUN, metavar="ORIGIN", negative=())
     ] = ()
-    "a proxy that the page is opened through, such as https://hub.example.org; may be repeated"
+    "a proxy through which you open the page, such as https://hub.example.org; may be repeated"
     report: Annotated[bool, Parameter(group=RUN)] = True
     "leave report.html, a page of pictures and tables (default: yes)"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
     (
-        "what race.mcap holds: light = all signals, full = and pictures of the camera; it costs "
-        "about a fifth of the race's time (default: full)"
+        "what race.mcap holds: light = all signals; full = also the camera's pictures, and then "
+        "recording is about a fifth of the race's time (default: full)"
     )
     foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
     "serve the topics of race.mcap while they are written, for Foxglove: ws://localhost:8765"
     realtime_rate: Annotated[float | None, Parameter(group=RUN)] = None
-    "1 = real time, 0 = as fast as it can (default: 0, in HITL 1)"
+    "how fast to simulate: 1 = real time, 0 = as fast as possible (default: 0, in HITL 1)"
     graphviz: Annotated[Path | None, Parameter(group=RUN, metavar="FILE")] = None
     "write the diagram in Graphviz's dot language before the race"
 
@@ -230,4 +230,4 @@ def report_after(
     try:
         write()
     except Exception as e:
-        note(f"There is no report.html ({words(e)}); try airrace report {folder}.")
+        note(f"There is no report.html ({words(e)}); try {typed_command()} report {folder}.")

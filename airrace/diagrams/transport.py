@@ -5,7 +5,7 @@ from typing import Protocol
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.scenario import Scenario
+from airrace.scenario import INTERNAL, Scenario
 from airrace.systems.types import RefereeStatus
 
 POLL_PERIOD = 0.1  # s of simulated time between two polls of the race
@@ -19,9 +19,11 @@ class Transport(Protocol):
 
     Attributes:
         simulation: SITL or HITL, as race.json says it.
+        flight_controllers: those of a scenario that it can fly.
     """
 
     simulation: str
+    flight_controllers: tuple[str, ...] = (INTERNAL,)
 
     def AddToBuilder(
         self, builder: DiagramBuilder, scenario: Scenario, simulation: Diagram

@@ -8,7 +8,7 @@ from pydrake.systems.framework import System
 
 from airrace.diagrams.estimators import make_gate_slam, make_strapdown_integrator
 from airrace.diagrams.wiring import Port
-from airrace.scenario import NO_POLICY, TRUTH, VIO, Scenario
+from airrace.scenario import BETAFLIGHT, INTERNAL, NO_POLICY, TRUTH, VIO, Scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.estimation.air_learner import AirLearner
@@ -164,6 +164,9 @@ _LEARNED = Variant(
 _KNOWN_MAP = Variant(
     systems={"aruco_detector": lambda scenario: NoDetector(), "gate_mapper": KnownMap.from_scenario}
 )
+# Where a flight controller turns thrust and rates into what the motors get.
+_COMMANDS = "rotor_speed_command"
+_RATES = _made_by("geometric_controller", "rate_command")
 ESTIMATORS = {TRUTH: _TRUTH, VIO: _VIO}
 # Of every system that a scenario may name one of its own for.
 SYSTEM_NAMES = tuple({**_TRUTH.systems, **_VIO.systems, **_LEARNED.systems})
@@ -174,4 +177,11 @@ def variant_of(scenario: Scenario) -> Variant:
     variant = ESTIMATORS[scenario.estimator]
     if scenario.map:
         variant |= _KNOWN_MAP
-    return variant if scenario.policy == NO_POLICY else variant | _LEARNED
+    if scenario.policy != NO_POLICY:
+        variant |= _LEARNED
+    if scenario.flight_controller == INTERNAL:
+        return variant
+    outputs = {**variant.outputs, **_RATES}
+    if scenario.flight_controller == BETAFLIGHT:
+        del outputs[_COMMANDS]
+    return dc.replace(variant, outputs=outputs)

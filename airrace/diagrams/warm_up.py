@@ -11,17 +11,17 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from rich.console import Console
 
 from airrace.common import jit
 from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import bound_to
 from airrace.common.python_path import module_command
+from airrace.common.waiting import waiting
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.standing_drone import Standing, StandingDrone
 from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
-from airrace.scenario import Scenario, load_scenario, scenario_yaml
+from airrace.scenario import INTERNAL, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.types import ExplorerStatus
 
@@ -103,10 +103,7 @@ def compile_apart(scenario: Scenario) -> None:
     """
     if jit.is_complete(scenario.estimator):
         return
-    console, what = Console(stderr=True), "Compiling, once; it takes a minute or two"
-    if not console.is_terminal:
-        console.print(f"{what}...")
-    with console.status(what), jit.locked():
+    with waiting("Compiling, once; it takes a minute or two"), jit.locked():
         if not jit.is_complete(scenario.estimator):  # by another race, which had the lock before
             _compile_apart(scenario)
 
@@ -114,6 +111,7 @@ def compile_apart(scenario: Scenario) -> None:
 def _compile_apart(scenario):
     jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
+    scenario = dc.replace(scenario, flight_controller=INTERNAL)
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     # The other process has another __main__ than a script or notebook with systems of its own.
     systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}

@@ -16,7 +16,7 @@ from airrace.common.plain_values import plain, plain_tree, whole_number
 from airrace.envs import action
 from airrace.envs.reward import RewardWeights
 from airrace.envs.start import STARTS
-from airrace.scenario import Scenario, load_scenario
+from airrace.scenario import INTERNAL, Scenario, load_scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.scenario.checks import check_choice
 from airrace.track.map_files import TRACK
@@ -158,6 +158,8 @@ def make_scenario(options: EnvOptions) -> Scenario:
             )
         if options.action != "reference":
             scenario.state_noise = "none"
+    if scenario.flight_controller != INTERNAL:
+        raise UserError("Environments fly with flight_controller internal, as it is by default.")
     scenario.laps = 10  # ample: the referee only says what was touched
     scenario.referee.time_limit = 10.0 * options.time_limit
     # Actions come at ticks of the rotors.

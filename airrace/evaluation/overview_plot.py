@@ -10,11 +10,13 @@ from matplotlib import rc_context
 from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.figure_style import (
+    DESK,
     INK,
     MUTED,
     PAPER,
     SHADE,
     STYLE,
+    Sheet,
     add_legend,
     add_tip,
     make_figure,
@@ -49,25 +51,31 @@ def draw_picture(folder: Path, evaluation: dict) -> None:
     write_bytes(folder / PICTURE, file.getvalue())
 
 
-def make_overview(evaluation: dict, with_title: bool = True) -> "Figure":
+def make_overview(evaluation: dict, with_title: bool = True, sheet: Sheet = DESK) -> "Figure":
     """Returns the figure: strips on the left, rates and why races ended on the right.
 
-    Args: with_title: whether it says what was evaluated.
+    Args: with_title: whether it says what was evaluated. sheet: on a phone's, all is one below the
+    other.
     """
     summary, races = evaluation["summary"], race_frame(evaluation["races"])
     strips = figures_of_merit(races)
-    figure = make_figure(13, 1.9 + 1.25 * len(strips))
+    n = len(strips)
+    if sheet.is_wide:
+        figure = make_figure(13, 1.9 + 1.25 * n)
+        grid = figure.add_gridspec(n, 2, width_ratios=(2.3, 1))
+        places = [*(grid[row, 0] for row in range(n)), grid[:2, 1], grid[2:, 1]]
+    else:
+        figure = make_figure(sheet.width, 1.9 + 1.4 * n + 4.5)
+        grid = figure.add_gridspec(n + 2, 1, height_ratios=[*[1.4] * n, 2.0, 2.5])
+        places = [grid[row, 0] for row in range(n + 2)]
     if with_title:
         figure.suptitle(title(evaluation["settings"]), parse_math=False, wrap=True)
-    grid = figure.add_gridspec(len(strips), 2, width_ratios=(2.3, 1))
-    for row, (name, values) in enumerate(strips.items()):
-        axes = figure.add_subplot(grid[row, 0])
-        _draw_strip(axes, name, values, races["finished"])
-        if row == 0:
-            first = axes
-    _draw_rates(figure.add_subplot(grid[:2, 1]), summary)
-    _draw_reasons(figure.add_subplot(grid[2:, 1]), summary["dnf_reasons"])
-    add_legend(figure, first, "outside lower left")
+    *rows, rates, reasons = map(figure.add_subplot, places)
+    for axes, (name, values) in zip(rows, strips.items()):
+        _draw_strip(axes, name, values, races["finished"], sheet)
+    _draw_rates(rates, summary)
+    _draw_reasons(reasons, summary["dnf_reasons"])
+    add_legend(figure, rows[0], "outside lower left")
     return figure
 
 
@@ -95,7 +103,9 @@ def beside(values: np.ndarray) -> np.ndarray:
     return steps / max(5, np.abs(steps).max())
 
 
-def _draw_strip(axes: "Axes", name: str, values: pd.Series, finished: pd.Series) -> None:
+def _draw_strip(
+    axes: "Axes", name: str, values: pd.Series, finished: pd.Series, sheet: Sheet
+) -> None:
     """Draws a mark a race, the median, and the quartiles."""
     known = values.dropna()
     axes.set(ylim=(-1.25, 1.25), yticks=[])
@@ -106,7 +116,11 @@ def _draw_strip(axes: "Axes", name: str, values: pd.Series, finished: pd.Series)
     low, median, high = known.quantile([0.25, 0.5, 0.75])
     axes.axvspan(low, high, color=SHADE, lw=0, label="half of the races", zorder=1)
     axes.axvline(median, color=INK, lw=1.6, label="median", zorder=2)
-    axes.set_title(f"median {median:.4g}, {len(known)} races", loc="right", fontsize=9, weight=400)
+    words = f"median {median:.4g}, {len(known)} races"
+    if sheet.is_wide:
+        axes.set_title(words, loc="right", fontsize=9, weight=400)
+    else:  # beside the name there is no room
+        axes.set_title(f"{name}\n{words}", loc="left", fontsize=9)
     heights = pd.Series(beside(known.to_numpy()), known.index)
     size = float(np.clip(1500 / len(known), 14, 55))
     for kind, color, marker, label in _KINDS:

@@ -1,5 +1,6 @@
 """evaluation.html: all races of an evaluation, to be sorted, with what failed and how."""
 
+import functools
 import json
 import shlex
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any, NamedTuple
 import yaml
 from matplotlib import rc_context
 
-from airrace.analysis.figure_style import STYLE, inline_svg
+from airrace.analysis.figure_style import STYLE, inline_pictures
 from airrace.analysis.page_templates import page_template
 from airrace.common.files import write_text
 from airrace.evaluation.overview_plot import make_overview
@@ -64,7 +65,8 @@ def write_page(folder: Path, evaluation: dict, rows: list[dict]) -> Path:
     Raises UserError if it cannot be written.
     """
     with rc_context(STYLE):
-        picture = inline_svg(make_overview(evaluation, with_title=False), "evaluation")
+        draw = functools.partial(make_overview, evaluation, False)
+        pictures = inline_pictures(draw, "evaluation")
     settings, summary = evaluation["settings"], evaluation["summary"]
     races = [race | {"laps": len(race["lap_times_s"])} for race in evaluation["races"]]
     text = page_template("airrace.evaluation", PAGE).render(
@@ -73,7 +75,7 @@ def write_page(folder: Path, evaluation: dict, rows: list[dict]) -> Path:
         summary=summary,
         settings=settings,
         finish_line=finish_line(summary),
-        picture=picture,
+        pictures=pictures,
         columns=COLUMNS,
         races=races,
         cell=_cell,

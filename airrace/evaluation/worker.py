@@ -161,6 +161,8 @@ def ended_race(
         error = None
         if killed_by:
             error = f"crashed ({killed_by})"
+        elif (reason or "").startswith(STOPPED):  # by code of somebody's own, which it names
+            error = reason
         elif code not in ends or (reason in _NO_REASONS and not result["finished"]):
             # Python says in the last line what the error was.
             last_line = printable((stderr.splitlines() or ["nothing was said"])[-1].strip())

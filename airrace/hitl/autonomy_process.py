@@ -8,13 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airrace.common.errors import words
+from airrace.common.errors import UserError, words
 from airrace.common.files import write_json
 from airrace.common.patience import patient
 from airrace.common.processes import ending, real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.common.words import count as words_count
 from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.own_systems import find_mistake
 from airrace.hitl.budget import Budget, prepare_halves
 from airrace.hitl.checkpoint import race_of
 from airrace.hitl.handover import Ended
@@ -31,10 +32,11 @@ from airrace.hitl.remote_autonomy import LOCKSTEP
 from airrace.hitl.shared_settings import shared_settings
 
 if TYPE_CHECKING:
+    from airrace.betaflight.guard import Guard
     from airrace.hitl.link.bus import Bus
     from airrace.scenario import Scenario
 
-NAVIGATOR_ENDED = 4  # exit code; the others are lockstep_autonomy's
+NAVIGATOR_ENDED, BOARD_ENDED = 4, 5  # exit codes; the others are lockstep_autonomy's
 PILOT_TICKS, PILOT_LINK = "pilot_ticks.json", "pilot_link.json"
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
@@ -61,12 +63,13 @@ class AutonomyProcess:
         *,
         resume: Path | None = None,
         url: str = "",
+        board: "Guard | None" = None,
     ):
         """Constructs it; it listens from now on.
 
         Args: bus: to the simulation. stop: asked now and then; whether to end. clock: of the
         Endpoint (s). resume: folder with the checkpoint of an autonomy that has ended, to go on
-        with. url: of the bus.
+        with. url: of the bus. board: a real one, which is commanded, too.
 
         Raises UserError if there is no such checkpoint, or the variable of patient() is no number.
         """
@@ -77,7 +80,7 @@ class AutonomyProcess:
         me = Partner(shared=shared_settings(scenario, self.channels), url=url)
         if resume is not None:
             me.race, me.resumes = race_of(resume), True
-        self._resume = resume
+        self._resume, self._board = resume, board
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock, me=me)
         self._responder = Responder(self._endpoint)
         self._navigator: NavigatorProcess | None = None
@@ -121,7 +124,9 @@ class AutonomyProcess:
         try:
             return self._run(patience)
         except Exception as e:
-            self._say_last(f"it was stopped by an error: {words(e)}")
+            mistake = find_mistake(e, self._scenario)
+            what = mistake.sentence if mistake else words(e)
+            self._say_last(f"it was stopped by an error: {what}")
             raise
 
     def _run(self, patience: float) -> int:
@@ -133,6 +138,8 @@ class AutonomyProcess:
         self._endpoint.join(met.race)
         if met.mode == LOCKSTEP:
             self.close()
+            if self._board is not None:
+                raise UserError("A board is commanded in real time: race without --lockstep.")
             autonomy = MakeAutonomy(self._scenario)
             side = MakeLockstepSide(
                 self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
@@ -176,9 +183,13 @@ class AutonomyProcess:
             if self._endpoint.silence > self._patience:
                 return self._lost()
         pilot.start()
+        if self._board is not None:
+            self._board.arm()
         while self._phase() == phases.READY and not self._ended():
             pilot.wait_for_start()
             self._wait_and_poll(phases.READY)
+            if self._has_lost_board():
+                return BOARD_ENDED
         self._endpoint.clock.restart()
         with _without_garbage_collection(), real_time_priority():
             code = self._fly(pilot, navigator)
@@ -190,11 +201,15 @@ class AutonomyProcess:
         while not self._ended():
             if self._has_lost(navigator):
                 return NAVIGATOR_ENDED
+            if self._has_lost_board():
+                return BOARD_ENDED
             self._endpoint.wait(_TICK)
             ticks.start()
             self._endpoint.drain()
             self._endpoint.beat(phases.RACING, pilot.time)
             has_controlled = pilot.step()
+            if self._board is not None and has_controlled:
+                self._board.command(pilot.rate_command)
             if self._endpoint.now() - tidied > _TIDY:
                 tidied = self._endpoint.now()
                 gc.collect(0)  # a tenth of a millisecond: all that is old is frozen
@@ -220,6 +235,14 @@ class AutonomyProcess:
             if isinstance(message, Ended):
                 reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")
+        self._say_last(reason)
+        return True
+
+    def _has_lost_board(self) -> bool:
+        """Whether a board, if there is one, is not commanded any more; then it says so."""
+        if self._board is None or (reason := self._board.poll()) is None:
+            return False
+        self._log(f"airrace: the board is disarmed: {reason}")
         self._say_last(reason)
         return True
 

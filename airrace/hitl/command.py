@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses as dc
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,11 +13,13 @@ from airrace.common.errors import UserError
 from airrace.common.interrupts import sigterm_as_ctrl_c
 from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
+from airrace.scenario import INTERNAL, MSP
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
+    from airrace.betaflight.guard import Guard
     from airrace.hitl.companion import Companion
     from airrace.hitl.companion.address import Address
     from airrace.hitl.link.udp_bus import UdpBus
@@ -29,13 +32,16 @@ examples, on two computers on one cable:
   airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
 
 The autonomy is started first, and ends with the race: 0 after it, 3 if the
-simulation falls silent, 4 if its navigator dies, 1 on Ctrl-C, 2 on bad input.
+simulation falls silent, 4 if its navigator dies, 5 if a board disarms, 1 on
+Ctrl-C, 2 on bad input.
 Both sides need the same scenario. The simulation takes all options of airrace race.
 
 AIRRACE_PATIENCE=10 multiplies all waits by 10, for a slow computer."""
 
 
+_ARM = "ARM"  # what a person types
 LINK = Group("Hardware in the loop", sort_key=3)
+BOARD = Group("A real flight controller", sort_key=3)
 
 
 @Parameter(name="*")
@@ -71,6 +77,22 @@ class HitlOptions(RaceOptions):
     "tick by tick in the place of real time; the same race as SITL"
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class AutonomyOptions(ScenarioOptions):
+    """What an autonomy may be told that flies a real board."""
+
+    flight_controller: Annotated[str | None, Parameter(group=BOARD, metavar="msp:PLACE")] = None
+    (
+        "a flight controller with Betaflight that is told thrust and rates, too: msp: and its "
+        "serial port, such as msp:/dev/ttyACM0"
+    )
+    betaflight_config: Annotated[str | None, Parameter(group=BOARD, metavar="FILE")] = None
+    "what the board's command line prints after `dump`"
+    allow_arming: Annotated[bool, Parameter(group=BOARD, negative=())] = False
+    "let airrace arm the board, once a person has said so here; its motors turn then"
+
+
 def add_to(app: App) -> None:
     """Adds the subcommand to the command line."""
     hitl = App(name="hitl", help="Run one side of a race whose autonomy is at the end of a cable.")
@@ -99,7 +121,7 @@ def checked_scenario(options: ScenarioOptions) -> "Scenario":
 
 def autonomy(
     *,
-    options: ScenarioOptions = ScenarioOptions(),
+    options: AutonomyOptions = AutonomyOptions(),
     lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
     link_key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     output: Annotated[Path, Parameter(metavar="DIR")] = Path("autonomy"),
@@ -128,18 +150,69 @@ def autonomy(
     ends = {LEFT: "the race is over", STOPPED: "interrupted"}
     key, url = key_of(link_key), lcm_url or DEFAULT_URL
     scenario, bus = scenario_and_bus(options, url, key)
-    with contextlib.closing(bus), interrupt_flag() as interrupted:
-        with results_folder(output) as folder:
+    with contextlib.closing(bus), guarded_board(scenario, options.allow_arming) as board:
+        with interrupt_flag() as interrupted, results_folder(output) as folder:
             process = AutonomyProcess(
-                scenario, bus, folder, stop=lambda: interrupted.is_set, resume=resume, url=url
+                scenario,
+                bus,
+                folder,
+                stop=lambda: interrupted.is_set,
+                resume=resume,
+                url=url,
+                board=board,
             )
             with contextlib.closing(process):
                 process.prepare(url, key)
+                if options.allow_arming:
+                    ask_to_arm()
                 print(READY, flush=True)
                 code = process.run(patience)
             if code in ends:
                 print(f"airrace: {ends[code]}; see {folder}", flush=True)
             return code
+
+
+@contextlib.contextmanager
+def guarded_board(scenario: "Scenario", may_arm: bool) -> "Iterator[Guard | None]":
+    """Yields what commands the board of a scenario, None if it has none; disarms it at the end.
+
+    Args: may_arm: whether a race may arm it.
+
+    Raises:
+        UserError: if it cannot be had, or may not be armed.
+    """
+    place = scenario.flight_controller.removeprefix(MSP)
+    if place == scenario.flight_controller:
+        if may_arm or place != INTERNAL:
+            raise UserError(
+                "An autonomy at the end of a link commands a board, or none: add "
+                "--flight_controller msp:PLACE, or leave --allow_arming out."
+            )
+        yield None
+        return
+    from airrace.betaflight.guard import Guard, Setup
+    from airrace.betaflight.settings import lines_of
+
+    dump = "\n".join(lines_of(Path(scenario.betaflight_config)))
+    with contextlib.closing(Guard(Setup(place, dump, scenario.drone, may_arm))) as board:
+        yield board
+
+
+def ask_to_arm() -> None:
+    """Warns of what motors do, and waits for a person's word.
+
+    Raises:
+        UserError: if there is no person, or the word is another.
+    """
+    print(
+        "airrace: THE MOTORS OF THE BOARD TURN AS SOON AS THE RACE BEGINS. Take all propellers "
+        "off, and keep the battery's plug in your hand.",
+        flush=True,
+    )
+    if not sys.stdin.isatty():
+        raise UserError("Arming is a person's act: start this in a terminal.")
+    if input(f"airrace: type {_ARM} to arm it: ").strip() != _ARM:
+        raise UserError("The board is not armed.")
 
 
 @sigterm_as_ctrl_c()

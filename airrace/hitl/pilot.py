@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Diagram
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _GAP = 0.1  # s, beyond which the past is not caught up with
 _AGAIN = 0.05  # s, after which a navigator that is not ready yet is told everything again
 _LOST = 1.0  # s without a word of the navigator's: then the drone is not led any more
+_BLIND = 0.1  # s without a word of where the drone is: then a board is told nothing
+_SENSED = "AIRRACE_STATE_ESTIMATE", "AIRRACE_IMU"  # channels that say so
 _TOLERANCE = 0.1  # of a period, by which values may be handed over early
 
 
@@ -82,6 +85,20 @@ class Pilot:
         """Whether the navigator has said something of late."""
         patience = _LOST / min(self._endpoint.clock.rate, 1.0)
         return self._endpoint.now() - self._heard < patience
+
+    @property
+    def rate_command(self) -> np.ndarray | None:
+        """Thrust and rates for a board, see set_rates(); None if they are not to be trusted.
+
+        They are while the simulation, or what stands for it, tells where the drone is, and the
+        navigator leads it.
+        """
+        endpoint, part = self._endpoint, self._side.part
+        newest = [endpoint.newest(name) for name in _SENSED if name in self._side.receiver.channels]
+        heard = max((each.arrival for each in newest if each is not None), default=float("-inf"))
+        if not self.is_led or endpoint.now() - heard > _BLIND / min(endpoint.clock.rate, 1.0):
+            return None
+        return part.GetOutputPort("rate_command").Eval(part.GetMyContextFromRoot(self._context))
 
     def is_ready(self) -> bool:
         """Whether something has come on every channel, and the navigator is ready, too."""

@@ -230,6 +230,8 @@ class MavlinkBridge(LeafSystem):
 
     def _send_status(self, context):
         start, status = float(self.flight(context).start), self._referee.Eval(context)
+        if context.get_time() < start - self._dialect.countdown - AFTER:
+            start = -1.0  # armed, but the countdown is still to come
         gates = len(self._track.gates)
         self._link.send(telemetry.race_status(self._now(context), start, status, gates))
 
@@ -326,8 +328,6 @@ class MavlinkBridge(LeafSystem):
             self._complain(EARLY_START)
         elif time >= flight.start:
             memory[:] = _FLIGHT.vector(flight._replace(begun=1.0))
-            if self._dialect.disarms:
-                discrete_state.get_mutable_value(self._setpoint)[:] = setpoint_vector(NO_SETPOINT)
 
     def _command(self, context, discrete_state, message):
         result, why = mavlink.MAV_RESULT_ACCEPTED, None

@@ -4,6 +4,7 @@ Fields that a message's type_mask says to ignore are never read. All others must
 ignored keeps its last value, or is left to the autopilot:
 
 - a thrust that is ignored is that of the last attitude or rates, or hovers;
+- until there is a thrust, the motors stand still, whatever rates are wanted;
 - a body rate that is ignored is none; beside an attitude, rates are on top of what leads there,
   and a yaw rate alone takes the place of the attitude's yaw;
 - along an axis without position, velocity and acceleration, the drone stands still; with nothing
@@ -24,6 +25,7 @@ from airrace.mavlink.dialects import Dialect
 from airrace.mavlink.frames import flipped, flipped_quaternion
 from airrace.systems.control.setpoint import (
     ATTITUDE,
+    IDLE,
     MOTORS,
     NO_SETPOINT,
     POSITION,
@@ -85,7 +87,9 @@ def setpoint_of(message: Any, dialect: Dialect, situation: Situation) -> Setpoin
     """
     kind = message.get_type()
     if kind == "SET_ATTITUDE_TARGET":
-        return _attitude(message, dialect, situation)
+        wanted = _attitude(message, dialect, situation)
+        is_still = situation.last.kind == IDLE and wanted.thrust == 0.0
+        return NO_SETPOINT if is_still else wanted
     if kind == "SET_POSITION_TARGET_LOCAL_NED":
         return _motion(message, dialect, situation)
     motors = np.zeros(len(situation.airframe.rotors))
@@ -104,7 +108,7 @@ def _attitude(message, dialect, situation):
     given = [not mask & bit for bit in (1, 2, 4)]
     gains = dialect.rate_gains if mask & _RATES_IN_RAD else dialect.stick_gains
     rates = _finite([rate if is_given else 0.0 for rate, is_given in zip(wire, given)])
-    rates = flipped(np.multiply(dialect.setpoint_rates, gains) * rates)
+    rates = flipped(gains * rates)
     if mask & _IGNORE_ATTITUDE:
         return NO_SETPOINT._replace(kind=RATES, thrust=thrust, rates=rates)
     q = _finite(message.q)
@@ -126,9 +130,8 @@ def _thrust(message, dialect, situation):
         return last.thrust if last.kind in (RATES, ATTITUDE) else weight / frame.most
     thrust = min(max(_finite([message.thrust])[0], 0.0), 1.0)
     if dialect.thrust is not None:
-        hover, slope = dialect.thrust
-        thrust = (weight + frame.mass * slope * (thrust - hover)) / frame.most
-    return min(max(thrust, 0.0), 1.0)
+        thrust = frame.mass * float(np.interp(thrust, *zip(*dialect.thrust))) / frame.most
+    return min(thrust, 1.0)
 
 
 def _motion(message, dialect, situation):

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.dialects.v20.common import MAVLink_message as Message
 
 from airrace.math.quaternion import quaternion_product, rotation_matrix
-from airrace.mavlink.dialects import BODY_FRD, LOCAL_NED, Dialect
+from airrace.mavlink.dialects import LOCAL_NED, Dialect
 from airrace.mavlink.frames import NedState, euler_angles, flipped
 from airrace.systems.types import RefereeStatus
 from airrace.track import Course
@@ -104,15 +104,16 @@ def local_position(clock: Clock, ned: NedState) -> Message:
 
 
 def odometry(dialect: Dialect, clock: Clock, ned: NedState) -> Message:
-    """Returns ODOMETRY, with the velocity in FRD."""
+    """Returns ODOMETRY: what its own quaternion makes of the velocity, is the velocity in NED."""
     unknown = [_NAN] * 21
+    quaternion = np.multiply(dialect.odometry_quaternion, ned.quaternion)
     return mavlink.MAVLink_odometry_message(
         clock.us,
         LOCAL_NED,
-        BODY_FRD,
+        dialect.odometry_child,
         *ned.position,
-        np.multiply(dialect.odometry_quaternion, ned.quaternion).tolist(),
-        *rotation_matrix(ned.quaternion).T @ ned.velocity,
+        quaternion.tolist(),
+        *rotation_matrix(quaternion).T @ ned.velocity,
         *dialect.odometry_rates * ned.rates,
         unknown,
         unknown,

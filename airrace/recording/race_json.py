@@ -104,6 +104,11 @@ def is_course_json(path: Path) -> bool:
     return "vq" in read_json(path, _AnyJson, _WHAT, _REMEDY)
 
 
+def check_run(path: Path) -> None:
+    """Raises UserError unless there is a race.json in a folder, or beside a file."""
+    is_course_json((path.parent if path.is_file() else path) / "race.json")
+
+
 def read_course_json(path: Path) -> CourseJson:
     """Returns what the race.json of a client's flight holds; raises UserError as below."""
     return read_json(path, CourseJson, _WHAT, _REMEDY)

@@ -4,11 +4,14 @@ scenario.py has its fields; checks.py says what their values may be.
 """
 
 from airrace.scenario.scenario import (
+    BETAFLIGHT,
     CONTENTS,
     CORNERS,
+    INTERNAL,
     LEARNED,
     LINK_DELAY,
     MAP_ESTIMATORS,
+    MSP,
     NO_POLICY,
     POSES,
     TRAJECTORIES,

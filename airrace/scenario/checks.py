@@ -17,7 +17,13 @@ from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, Camera
 from airrace.scenario.lap_limits import parse_limits
 from airrace.scenario.mavlink_config import NONE, OFFICIAL, MavlinkConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
-from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
+from airrace.vehicle.sensor_failures import (
+    CAMERA_FAILURES,
+    IMU_FAILURES,
+    RADIO_FAILURES,
+    CameraFailure,
+    ImuFailure,
+)
 
 if TYPE_CHECKING:
     from airrace.scenario import PlannerConfig, Scenario
@@ -75,6 +81,7 @@ RANGES = {
     "rotor_failures[].time": (0, math.inf),
     "imu_failures[].time": (0, math.inf),
     "camera_failures[].time": (0, math.inf),
+    "radio_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
@@ -183,6 +190,31 @@ def check_estimator(scenario: "Scenario") -> None:
             f"The estimator 'vio' sees from pictures where the drone is, and makes its own map: "
             f"leave out {what}, or set --estimator truth."
         )
+
+
+def check_flight_controller(scenario: "Scenario") -> None:
+    """Checks the flight controller's name, and that what flies can command it."""
+    board = scenario.flight_controller.startswith("msp:")
+    if not board:
+        choices = "internal", "betaflight", "msp:PLACE"
+        check_choice("flight_controller", scenario.flight_controller, choices)
+    for i, failure in enumerate(scenario.radio_failures):
+        check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
+    for name, is_used in (
+        ("radio_failures", scenario.flight_controller == "betaflight"),
+        ("betaflight_config", scenario.flight_controller != "internal"),
+    ):
+        if getattr(scenario, name) and not is_used:
+            raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
+    if board and not scenario.betaflight_config:
+        raise UserError(
+            "What a board makes of its sticks is not known: save what its command line prints "
+            "after `dump`, and name the file with --betaflight_config."
+        )
+    if scenario.flight_controller == "internal":
+        return
+    if scenario.policy != "none":
+        raise UserError("A policy commands the rotors itself: set flight_controller to internal.")
 
 
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:

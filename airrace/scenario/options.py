@@ -24,7 +24,18 @@ SCENARIO = Group(
 # Fields of the scenario that options give.
 _FIELDS = {
     name: name
-    for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator", "policy")
+    for name in (
+        "drone",
+        "trajectory",
+        "track",
+        "laps",
+        "seed",
+        "map",
+        "estimator",
+        "policy",
+        "flight_controller",
+        "betaflight_config",
+    )
 } | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",
@@ -39,11 +50,11 @@ class ScenarioOptions:
     """What says which scenario is meant."""
 
     scenario_file: Annotated[str | None, Parameter(group=SCENARIO, metavar="NAME|FILE")] = None
-    "YAML with one scenario a top-level key; 'races' and 'levels' are shipped"
+    "a YAML file whose top-level keys are scenarios; 'races' and 'levels' are shipped"
     scenario_name: Annotated[str | None, Parameter(group=SCENARIO, metavar="KEY")] = None
     "which scenario of the file (default: Defaults)"
     scenario_text: Annotated[str | None, Parameter(group=SCENARIO, metavar="YAML")] = None
-    "scenario fields on top, e.g. '{state_noise: none}'"
+    "fields that differ from the scenario's, such as '{state_noise: none}'"
 
 
 @Parameter(name="*")
@@ -57,30 +68,33 @@ class DroneOptions(ScenarioOptions):
         Literal["3", "4", "6", "optimal"] | None, Parameter(alias="-t", group=RACE)
     ] = None
     (
-        "optimal = the quickest laps within the limits, anywhere through the gates; or minimum "
-        "snap through their midpoints: 3 = of x, y, z; 4 = and yaw along the gates' headings; 6 = "
-        "and roll = pitch = 0 at the gates (default: optimal)"
+        "how laps are planned: optimal = the quickest within the limits, anywhere through the "
+        "gates; 3, 4, 6 = minimum snap through the midpoints of the gates, of x, y and z (3), also "
+        "of the yaw, along the gates' headings (4), also with roll and pitch 0 at the gates (6) "
+        "(default: optimal)"
     )
     limits: Annotated[str | None, Parameter(group=RACE, metavar="original|rotor|v=..,a=..")] = None
     (
-        "what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing but what the rotors "
-        "can do; or limits of your own in m/s and m/s^2, such as v=15,a=8 (default: original)"
+        "limits of speed and acceleration: original = 20 m/s and 10 m/s^2; rotor = only what the "
+        "rotors can do; or your own in m/s and m/s^2, such as v=15,a=8 (default: original)"
     )
     estimator: Annotated[Literal["truth", "vio"] | None, Parameter(group=RACE)] = None
     (
-        "what tells the drone where it is: truth = the simulator, with a little noise; vio = "
-        "nothing but gyroscope, accelerometer, rotor speeds and the camera (default: truth)"
+        "how the drone knows where it is: truth = the simulator tells it, with a little noise; "
+        "vio = it estimates that from gyroscope, accelerometer, rotor speeds and camera "
+        "(default: truth)"
     )
     policy: Annotated[str | None, Parameter(group=RACE, metavar="none|learned|FILE")] = None
     (
-        "a network that flies the laps: none = an optimised lap is flown; learned = the one that "
-        "is shipped for the drone; or the .npz file of your own (default: none)"
+        "a network that flies the laps: none = there is none, and planned laps are flown; learned "
+        "= the one that is shipped for the drone; or your own, an .npz file (default: none)"
     )
     level: Annotated[Literal[0, 1, 2, 3, 4] | None, Parameter(group=RACE)] = None
     (
-        "difficulty: 0 = no noise; 1 = noise and a realistic camera; 2 = and a drone not quite as "
-        "its file says; 3 = and wind, and a harsh camera; 4 = and gates that move between laps; "
-        "short for --scenario_file levels --scenario_name Level<N>"
+        "how difficult the race is; each level adds to the one before: 0 = no noise; 1 = noise and "
+        "a realistic camera; 2 = a drone that is not quite as its file says; 3 = wind and a harsh "
+        "camera; 4 = gates that move between laps. Short for --scenario_file levels "
+        "--scenario_name Level<N>"
     )
 
 

@@ -20,6 +20,7 @@ from airrace.scenario.checks import (
     check_disturbances,
     check_drakes_own,
     check_estimator,
+    check_flight_controller,
     check_imu,
     check_imu_failures,
     check_mavlink,
@@ -34,7 +35,7 @@ from airrace.scenario.visualization_config import VisualizationConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
-from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
+from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure, RadioFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 CORNERS = ("refit", "opencv")  # of markers
@@ -43,6 +44,8 @@ MAP_ESTIMATORS = ("robust", "original")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "original")
 NO_POLICY, LEARNED = "none", "learned"  # what flies the laps besides the planner; or a file
+# What drives the motors: the controller itself, or the firmware; or, after "msp:", a real board.
+INTERNAL, BETAFLIGHT, MSP = "internal", "betaflight", "msp:"
 TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
@@ -222,6 +225,7 @@ class Scenario:
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
     imu_failures: list[ImuFailure] = dc.field(default_factory=list)
     camera_failures: list[CameraFailure] = dc.field(default_factory=list)
+    radio_failures: list[RadioFailure] = dc.field(default_factory=list)  # of Betaflight's commands
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
     # The autonomy.
@@ -235,6 +239,10 @@ class Scenario:
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
+    # What drives the motors: "internal", the controller itself; "betaflight", the firmware, which
+    # the controller tells thrust and body rates; or "msp:PLACE": a real board is told them, too.
+    flight_controller: str = INTERNAL
+    betaflight_config: str = ""  # file of the firmware's settings; by default, the drone's own
     # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0
     # Your own systems: a name from diagrams/autonomy.py to "module:callable",
@@ -263,6 +271,7 @@ class Scenario:
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
         check_planner(self.planner, self.trajectory)
         check_policy(self.policy)
+        check_flight_controller(self)
         check_choice("state_noise", self.state_noise, ("nominal", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
@@ -344,6 +353,9 @@ def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
         scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
     if scenario.policy not in (NO_POLICY, LEARNED):
         scenario = dc.replace(scenario, policy=str(Path(scenario.policy).resolve()))
+    if scenario.betaflight_config:
+        config = str(Path(scenario.betaflight_config).resolve())
+        scenario = dc.replace(scenario, betaflight_config=config)
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
         scenario = dc.replace(scenario, drone=str(folder.resolve()))

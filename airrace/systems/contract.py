@@ -7,9 +7,11 @@ what, and what is wanted.
 
 import contextlib
 import dataclasses as dc
+import inspect
 import math
 import numbers
 import typing
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,29 @@ def refuse(who: str, value: Any, wanted: str) -> typing.NoReturn:
     if isinstance(value, np.ndarray):
         kind = f"{kind} of shape {value.shape}"
     raise UserError(f"{who} gave {text} ({kind}); it must give {wanted}.")
+
+
+def check_arguments(function: Callable, *names: str) -> None:
+    """Checks that a function can be called with some arguments, in this order.
+
+    Args: names: what they are, for the sentence.
+
+    Raises:
+        UserError: if it takes others.
+    """
+    try:
+        taken = inspect.signature(function)
+    except (TypeError, ValueError):  # it is no function, or one of a language that tells nothing
+        if callable(function):
+            return
+        refuse("A system of the scenario's own", function, f"a function of ({', '.join(names)})")
+    try:
+        taken.bind(*names)
+    except TypeError:
+        raise UserError(
+            f"{name_of(function)}() is called with ({', '.join(names)}), but it takes {taken}: "
+            "give it these arguments."
+        ) from None
 
 
 def finite_vector(who: str, value: Any, size: int, wanted: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Sensors that fail for a while."""
+"""Sensors, and the radio, that fail for a while."""
 
 import dataclasses as dc
 import math
@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 IMU_FAILURES = ("lost", "nan", "stuck", "saturated")
 CAMERA_FAILURES = ("dark",)
+RADIO_FAILURES = ("silent",)
 _MOMENT = 1e-6  # s, that only rounding makes
 
 
@@ -31,7 +32,19 @@ class CameraFailure:
     duration: float | None = None  # s; null = to the end
 
 
-def failure_at(failures: Iterable[ImuFailure | CameraFailure], time: float) -> str | None:
+@dc.dataclass
+class RadioFailure:
+    """A while in which nothing that is commanded arrives at a flight controller."""
+
+    kind: str = "silent"  # the radio has no signal
+    time: float = 0.0  # s, when it begins
+    duration: float | None = None  # s; null = to the end
+
+
+Failure = ImuFailure | CameraFailure | RadioFailure
+
+
+def failure_at(failures: Iterable[Failure], time: float) -> str | None:
     """Returns the kind of the first of some failures that is there at a time (s), or None."""
     for failure in failures:
         duration = math.inf if failure.duration is None else failure.duration

@@ -14,6 +14,7 @@ from airrace.common.immutable import read_only
 from airrace.common.resources import load_yaml, models_path
 from airrace.common.words import printable
 from airrace.vehicle.allocation import wrench_margin
+from airrace.vehicle.battery import Battery
 
 GRAVITY = 9.81  # m/s^2
 GRAVITY_W = read_only(np.array((0.0, 0.0, -GRAVITY)))  # in the world
@@ -121,6 +122,7 @@ class Vehicle:
     drag: Drag = dc.field(default_factory=Drag)
     gains: Gains = dc.field(default_factory=Gains)  #: of the geometric controller
     original_gains: OriginalGains | None = None  #: None if the paper did not have the drone
+    battery: Battery | None = None  #: of Betaflight's motors; None if its voltage does not fall
 
     @property
     def allocation(self) -> np.ndarray:
@@ -221,6 +223,8 @@ class Vehicle:
                 positive(*dc.astuple(self.original_gains)),
                 "all four original_gains must be positive",
             )
+        if self.battery is not None:
+            self.battery.check()
 
 
 def find_vehicle(drone: str | os.PathLike[str]) -> Path:

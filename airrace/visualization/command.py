@@ -8,6 +8,9 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.common.command_line import Whole
+from airrace.common.errors import UserError
+from airrace.common.waiting import waiting
+from airrace.recording.race_json import check_run
 
 EPILOG = """\
 examples:
@@ -42,25 +45,24 @@ def replay(
             --lap (default: start)
         lap: the lap that --align lap begins with (default: 1)
         html: write a page that opens offline, and exit
-        allow_origin: a proxy that the page is opened through, such as https://hub.example.org;
+        allow_origin: a proxy through which you open the page, such as https://hub.example.org;
             may be repeated
     """
-    from rich.console import Console
-
-    from airrace.analysis.run import load_run
-    from airrace.common.errors import UserError
-    from airrace.common.files import write_text
-    from airrace.visualization import reach
-    from airrace.visualization.ghosts import make_ghosts, replay_page
-    from airrace.visualization.loopback_server import Visitors
-    from airrace.visualization.page_server import serve_page
-
-    visitors = Visitors(allow_origin)
     if lap is not None and align != "lap":
         raise UserError("--lap needs --align lap.")
-    with Console(stderr=True).status("Reading ...") as status:
+    for folder in (run, *others):
+        check_run(folder)
+    with waiting("Reading what was recorded"):  # to import what reads it takes its time, too
+        from airrace.analysis.run import load_run
+        from airrace.common.files import write_text
+        from airrace.visualization import reach
+        from airrace.visualization.ghosts import make_ghosts, replay_page
+        from airrace.visualization.loopback_server import Visitors
+        from airrace.visualization.page_server import serve_page
+
+        visitors = Visitors(allow_origin)
         ghosts = make_ghosts([load_run(folder) for folder in (run, *others)], align, lap or 1)
-        status.update("Drawing ...")
+    with waiting("Drawing the page"):
         page = replay_page(ghosts, _links(run, html))
     for ghost in ghosts:
         name = ghost.color if len(ghosts) > 1 else "the drone"

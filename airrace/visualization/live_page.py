@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airrace.common.command_line import typed_command
 from airrace.common.errors import words
 from airrace.common.files import write_text
 from airrace.track import load_track
@@ -145,7 +146,7 @@ class LivePage:
             self.gone = True
             self.note(
                 f"The page is gone ({words(e)}); the race goes on without it and leaves no "
-                "race.html: use airrace replay."
+                f"race.html: use {typed_command()} replay."
             )
 
     def draw(self, root_context: "Context") -> None:

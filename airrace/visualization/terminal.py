@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
 from airrace.common.words import count, printable
+from airrace.math.quaternion import rotation_matrix
 from airrace.recording import race_events as events
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
@@ -24,6 +25,8 @@ from airrace.vehicle.rotor_loss import Remaining
 _REFRESH = 0.1  # s
 # Above this, the plant's steps of 1 ms lose about a hundredth of the angular momentum a second.
 _TUMBLING = 15.0  # rad/s
+_UPRIGHT = 0.5  # cosine of a lean, of which the drone turns over
+_TAKING_OFF = 3.0  # s
 _LATE = 1.0  # s, behind the real time, that is no news
 _CAPTION = (
     "over bound: how much longer the planned lap is than the best lap of a point mass with the "
@@ -65,7 +68,8 @@ class RaceDisplay:
         self._vehicle = load_vehicle(scenario.drone)[0]
         self._opened, self._explorer = False, ExplorerStatus()
         self._lost, self._crossings = list[int](), 0
-        self._tumbled = self._pulled = False
+        self._tumbled = self._pulled = self._over = False
+        self._took_off = np.inf  # s
         self._lap_start = 0.0  # s
         self._delay = self._lap_delay = 0.0  # of plans, and at the start of the lap (s)
         self._live: Progress | None = None
@@ -146,6 +150,8 @@ class RaceDisplay:
                 self._explorer = event.status
                 for each in event.entered:
                     self._print_at(each.time, f"{each.state}: {each.reason}")
+                    if each.state == "TAKE_OFF":
+                        self._took_off = each.time
             case events.PolicyChanged():
                 self._print_at(event.status.since, event.what)
             case events.RotorLost():
@@ -172,6 +178,7 @@ class RaceDisplay:
                     self._lap_start, self._lap_delay = crossing.time, self._delay
                 self._crossings += 1
             case events.StateSample():
+                self._warn_of_wrong_moments(event)
                 self._warn_of_tumbling(event)
                 self._refresh(event.time)
 
@@ -183,6 +190,22 @@ class RaceDisplay:
                 sample.time,
                 f"it turns at {rate:.0f} rad/s, for which the plant's steps are too long to be "
                 "exact: see plant_config in docs/drake.md",
+            )
+
+    def _warn_of_wrong_moments(self, sample: events.StateSample) -> None:
+        """Says what it looks like if a controller of one's own turns the drone over at take-off."""
+        after = sample.time - self._took_off
+        is_own = "geometric_controller" in self._scenario.systems and not self._lost
+        if self._over or not is_own or not 0.0 < after < _TAKING_OFF:
+            return
+        x, y, z = rotation_matrix(sample.truth.quaternion)[2]  # up, in the body's axes
+        if z < _UPRIGHT:
+            self._over = self._tumbled = True  # one line is enough
+            axis = "x" if abs(y) > abs(x) else "y"
+            self._print_at(
+                sample.time,
+                f"it turns over about its {axis} axis, {after:.1f} s after take-off: moments of "
+                "the wrong sign about that axis do this, see docs/own_systems.md",
             )
 
     def _print_at(self, time: float, line: str) -> None:
@@ -229,7 +252,7 @@ class RaceDisplay:
                 if sentence:
                     self._print(sentence)
             self._print(
-                f"{line}; {wall['seconds']:.0f} s of work, "
+                f"{line}; {wall['seconds']:.0f} s to simulate, "
                 f"{wall['real_time_factor']:.1f} x real time."
             )
             if (late := wall.get("link", {}).get("late_s", 0.0)) > _LATE:
@@ -249,7 +272,7 @@ def lap_table(result: dict, half_width: float) -> Table:
     """
     headings = (
         "lap,time (s),planned (s),over bound,max speed (m/s),"
-        f"worst gate offset of {half_width:g} m (m),map error (cm)"
+        f"worst gate offset (m); pylons at {half_width:g},map error (cm)"
     )
     table = Table(
         *(Column(heading, justify="right") for heading in headings.split(",")),

@@ -27,9 +27,13 @@ def frames(batch):
 
 
 RACES = {
-    "finding gates and itself": ("{estimator: vio}", 5.0, {"estimates"}),
+    "finding gates and itself": (
+        "{estimator: vio, camera: {width: 640, height: 360}}",
+        5.0,
+        {"estimates"},
+    ),
     "a lap between gates that move": (
-        "{laps: 1, map: track, disturbances: {gate_shift: 1.0}}",
+        "{laps: 1, map: track, disturbances: {gate_shift: 1.0}, camera: {width: 640, height: 360, fps: 10}}",
         60.0,
         {"crossings", "plans", "shifts"},
     ),

@@ -59,7 +59,9 @@ def check_page(text):
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
     assert not re.findall(r"<(?:script|link|image|iframe)\b", text)
     assert not re.findall(r'(?:src|href)="(?!#|data:)', text)
-    pictures = re.findall(r'<div role="img" aria-label="(.*?)">\n(<svg.*?</svg>)', text, re.S)
+    pictures = re.findall(
+        r'<div class="(?:desk|phone)" role="img" aria-label="(.*?)">\n(<svg.*?</svg>)', text, re.S
+    )
     assert len(pictures) == text.count("<svg")
     for words, svg in pictures:
         assert len(words) > 30 and ET.fromstring(svg).tag.endswith("svg")
@@ -67,7 +69,7 @@ def check_page(text):
 
 
 def assert_follows_the_theme(svg):
-    """All that a picture draws in is a variable of the page, or can be seen on any paper."""
+    """All that a picture draws in is a variable of the page, or can be seen on any sheet."""
     contrasts = [
         contrast
         for color in set(re.findall(r"(?:fill|stroke): (#\w{6})", svg))
@@ -95,12 +97,12 @@ def ratio(a, b):
 def test_the_whole_report(text):
     check_page(text)
     assert headings(text) == SECTIONS
-    assert text.count("<svg") == 9
+    assert text.count("<svg") == 2 * 9
     for word in ("40.60", "41.52", "41.21", "original, 6-D", "Finished.", "20.0 m/s"):
         assert word in text
     assert f"{LAP:.2f} s" in text  # the best lap
-    # Below the table of laps, below the picture of the plans, and in its description.
-    assert text.count("Laps 2 and 3 flew the plan of lap 1.") == 3
+    # Below the table of laps, below the picture of the plans, and in its two descriptions.
+    assert text.count("Laps 2 and 3 flew the plan of lap 1.") == 4
     row = r"<td>(\d)</td><td>5.00</td>\n<td>(best|0.00)</td>\n<td>4.80</td>\n<td>(–|0.30)</td>\n<td>(\d)</td>"
     assert re.findall(row, text) == [
         ("1", "best", "–", "1"),
@@ -197,7 +199,7 @@ def test_it_says_what_was_flown_when_and_with_what(tmp_path):
     check_page(text)
     when = "2026-11-29 14:57 UTC, airrace 1.2.3"
     assert f"<title>Default on student-airrace, {when}</title>" in text
-    assert "Systems of one's own: geometric_controller is my_team:&lt;make&gt;." in text
+    assert "Your own systems: geometric_controller is my_team:&lt;make&gt;." in text
 
 
 @pytest.mark.slow
@@ -222,7 +224,7 @@ def test_a_drone_that_finds_out_where_it_is_has_sections_of_its_own(tmp_path):
     check_page(text)
     expected = ["Where the drone thought it was", "How sure of it the drone was"]
     assert [heading for heading in headings(text) if heading not in SECTIONS] == expected
-    assert "NEES a dimension" in text
+    assert "NEES per dimension" in text
     figures = error_statistics(run)
     assert figures["nees"] == pytest.approx(1.0, abs=0.1)
     assert figures["gap"] == pytest.approx(1.0, abs=0.05)

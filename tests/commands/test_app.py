@@ -7,6 +7,7 @@ import pytest
 
 from airrace import __version__
 from airrace.commands.app import main, make_app
+from airrace.common.command_line import typed_command
 
 COMMANDS = "race replay report tables track evaluate hitl doctor new completion".split()
 
@@ -25,6 +26,23 @@ def test_every_subcommand_has_help_of_80_columns(command, capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith(f"Usage: airrace {command}")
     assert len("".join(lines)) > 200 and max(map(len, lines)) <= 88
+
+
+def test_the_command_is_the_one_that_was_typed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for started, program, command in (
+        (
+            [".venv/bin/python", "-P", "-m", "airrace", "new"],
+            "a/__main__.py",
+            ".venv/bin/python -m airrace",
+        ),
+        ([f"{tmp_path}/my env/python", "-m", "airrace", "new"], "x", "'my env/python' -m airrace"),
+        (["/usr/bin/python", "env/bin/airrace", "new"], "env/bin/airrace", "env/bin/airrace"),
+        (["/usr/bin/python", "-m", "pytest", "new"], "pytest/__main__.py", "airrace"),
+    ):
+        monkeypatch.setattr(sys, "orig_argv", started)
+        monkeypatch.setattr(sys, "argv", [program, "new"])
+        assert typed_command() == command
 
 
 def test_version(capsys):

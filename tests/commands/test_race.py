@@ -15,7 +15,7 @@ from airrace.commands.app import main as command
 from airrace.common import files
 from airrace.common.errors import UserError
 from airrace.common.resources import models_path
-from airrace.diagrams import race, race_command, warm_up
+from airrace.diagrams import race, warm_up
 from airrace.diagrams.race_command import EPILOG, RaceOptions, race_scenario, report_after
 from airrace.scenario import load_scenario, scenario_yaml
 from tests.worlds.cases import first
@@ -289,7 +289,7 @@ class TestBadInput:
         def interrupt(args):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(race_command, "race_scenario", interrupt)
+        monkeypatch.setattr("airrace.commands.race.race_scenario", interrupt)
         assert main([]) == 1
         assert capsys.readouterr().err == "airrace: interrupted\n"
 
@@ -360,7 +360,7 @@ class TestOptions:
             "student-airrace",
             "10",
             "0",
-            "planar,",
+            "planar",
             "runs/<UTC time>-<track>-<drone>-<t>",
             "yes",
             "Defaults",
@@ -449,7 +449,8 @@ class TestOutput:
         left = path / "scenario.yaml"
         assert load_scenario(filename=str(left)).drone == str(folder / "my_drone")
         monkeypatch.chdir(path)
-        assert main(["--scenario_file", str(left), "--no-meshcat", "--output", "again"]) == 1
+        again = ["--scenario_file", str(left), "--no-meshcat", "--no-report", "--output", "again"]
+        assert main(again) == 1
         assert (path / "again" / "scenario.yaml").read_text() == left.read_text()
 
     @pytest.mark.slow
@@ -479,7 +480,8 @@ class TestOutput:
 
     @pytest.mark.slow
     def test_meshcat_leaves_a_replay(self, folder, capsys):
-        assert main(["--output", "out", "--scenario_text", "referee: {time_limit: 0.2}"]) == 1
+        brief = ["--no-report", "--scenario_text", "referee: {time_limit: 0.2}"]
+        assert main(["--output", "out", *brief]) == 1
         assert "Watch it at http://localhost:" in capsys.readouterr().out
         assert "</html>" in (folder / "out" / "race.html").read_text()
 
@@ -505,8 +507,8 @@ class TestOutput:
         assert reason.startswith("ran out of time")
 
     @pytest.mark.slow
-    def test_a_box_that_raises_is_shown_with_its_traceback(self, folder):
-        """It is the student's bug: the place matters."""
+    def test_a_box_that_raises_is_told_in_one_sentence_and_its_own_lines(self, folder):
+        """It is the student's bug: the place matters, and it is not among thirty of ours."""
         (folder / "systems").mkdir()
         (folder / "systems" / "my_boxes.py").write_text(
             "from airrace.systems.planning.trajectory_tracker import TrajectoryTracker\n"
@@ -527,6 +529,7 @@ class TestOutput:
                 "--output",
                 "out",
                 "--no-meshcat",
+                "--no-report",
                 "--scenario_text",
                 "systems: {trajectory_tracker: my_boxes:Tracker}",
             ],
@@ -537,10 +540,16 @@ class TestOutput:
             env={**os.environ, "PYTHONPATH": f"{models_path().parent}:{folder / 'systems'}"},
         )
         assert process.returncode == 1
-        assert 'my_boxes.py", line 7' in process.stderr
-        assert process.stderr.splitlines()[-1] == "ValueError: a mistake"
+        mistake = (
+            "my_boxes.Tracker._calc_reference() raised ValueError: a mistake (my_boxes.py, line 7)"
+        )
+        place, line, sentence = process.stderr.splitlines()[-3:]
+        assert 'my_boxes.py", line 7' in place and line.strip() == "raise ValueError('a mistake')"
+        assert sentence == f"airrace: {mistake}; the whole traceback is in out/error.txt."
+        assert "race/__init__.py" not in process.stderr
+        assert "race/__init__.py" in (folder / "out" / "error.txt").read_text()
         data = json.loads((folder / "out" / "race.json").read_text())
-        assert data["dnf_reason"] == "stopped by an error"
+        assert data["dnf_reason"] == f"stopped by an error: {mistake}"
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no fonts"), UserError("report.html is full.")])

@@ -82,24 +82,33 @@ def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
         lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n"
     )
     (package / "other.py").write_text("pass\n")
+    # Each run is a process of its own, which has imported what they have in common.
     program = """
 import os, sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
 import numba
 from airrace.common import jit
-jit.PACKAGE = Path(sys.argv[1]) / "package"
-numba.config.CACHE_DIR = str(jit.choose_folder(jit.PACKAGE))
-jit.remove_stale()
-from package.outer import g
-print(g(1), sum(g.stats.cache_hits.values()))
+
+numba.njit(lambda x: x + 1)(1)
+sys.dont_write_bytecode = True  # sources of one second and size would be the same to Python
+for line in sys.stdin:
+    if os.fork() == 0:
+        sys.path.insert(0, line.strip())
+        jit.PACKAGE = Path(line.strip()) / "package"
+        numba.config.CACHE_DIR = str(jit.choose_folder(jit.PACKAGE))
+        jit.remove_stale()
+        from package.outer import g
+        print(g(1), sum(g.stats.cache_hits.values()), flush=True)
+        os._exit(0)
+    if os.wait()[1]:
+        sys.exit(1)
 """
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    runs = subprocess.Popen([sys.executable, "-c", program], text=True, **pipes)
 
     def run(folder=tmp_path):
-        command = [sys.executable, "-c", program, str(folder)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return tuple(done.stdout.split())
+        print(folder, file=runs.stdin, flush=True)
+        return tuple(runs.stdout.readline().split())
 
     assert run() == ("2", "0")
     assert run() == ("2", "1")
@@ -121,6 +130,8 @@ print(g(1), sum(g.stats.cache_hits.values()))
     (exports / "zero.py").write_text("ZERO = 5\n")
     assert run() == ("8", "0")
     assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
+    runs.communicate()
+    assert runs.returncode == 0
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import airrace.common.resources
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml, models_path
 from airrace.common.words import printable
+from tests.worlds.cases import guarded
 
 
 @dc.dataclass
@@ -80,6 +81,7 @@ class TestFindYaml:
             find_yaml("tracks", name)
         assert f"no track named '{printable(name)}'" in str(e.value)
 
+    @guarded
     @given(st.text(max_size=40))
     def test_any_name_is_found_or_explained(self, name):
         try:
@@ -167,6 +169,7 @@ _data = st.recursive(
 )
 
 
+@guarded
 @given(_data)
 def test_what_drake_refuses_is_refused_in_our_words(data):
     text = yaml.safe_dump(data)

@@ -17,6 +17,7 @@ from tests.worlds.looks import Looks
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
     from airrace.systems.control.geometric_controller import GeometricController
+    from airrace.systems.planning.lap_planner import LapPlanner
     from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
     from airrace.vehicle import load_vehicle
 
@@ -88,6 +89,27 @@ STUDENT = """
     class NoArguments(TrajectoryTracker):
         def __init__(self):
             super().__init__()
+
+    class Forgetful(GeometricController):
+        def calc_wrench(self, reference):
+            return super().calc_wrench(reference, reference)
+
+    forgetful = Forgetful.from_scenario
+
+    def solve():
+        return None
+
+    def planner(scenario):
+        return LapPlanner.from_scenario(scenario, solve=solve)
+
+    class Planner(LapPlanner):
+        def solve(self):
+            return None
+
+    own_planner = Planner.from_scenario
+
+    def no_solver(scenario):
+        return LapPlanner.from_scenario(scenario, solve="quickly")
 
     number = 3
 """
@@ -212,6 +234,24 @@ BAD = {
     "no arguments": (
         {"trajectory_tracker": "student_boxes:NoArguments"},
         "cannot be called with the scenario .*TypeError",
+    ),
+    "calc_wrench without the estimate": (
+        {"geometric_controller": "student_boxes:forgetful"},
+        r"student_boxes:forgetful: student_boxes.Forgetful.calc_wrench\(\) is called with \(reference, "
+        r"estimate\), but it takes \(reference\): give it these arguments",
+    ),
+    "solve without a problem": (
+        {"lap_planner": "student_boxes:planner"},
+        r"systems.lap_planner: student_boxes:planner: student_boxes.solve\(\) is called with "
+        r"\(problem\), but it takes \(\)",
+    ),
+    "a planner's solve without a problem": (
+        {"lap_planner": "student_boxes:own_planner"},
+        r"student_boxes.Planner.solve\(\) is called with \(problem\), but it takes \(\)",
+    ),
+    "solve is no function": (
+        {"lap_planner": "student_boxes:no_solver"},
+        r"gave 'quickly' \(str\); it must give a function of \(problem\)",
     ),
     "unknown input": (
         {"trajectory_tracker": "student_boxes:Hungry"},

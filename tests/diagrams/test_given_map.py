@@ -43,6 +43,7 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):
             "--laps",
             "1",
             "--no-meshcat",
+            "--no-report",
             "--renderer",
             "none",
             "--map",

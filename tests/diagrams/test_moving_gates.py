@@ -21,7 +21,7 @@ def race(hexagon, tmp_path_factory):
         laps=LAPS,
         trajectory="4",
         seed=1,
-        camera=CameraConfig(preset="clean"),
+        camera=CameraConfig(preset="clean", width=640, height=360, fps=15.0),
         disturbances=DisturbancesConfig(gate_shift=1.0),
     )
     scenario.referee.time_limit = 120.0

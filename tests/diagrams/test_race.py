@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from airrace.commands.app import main as airrace
-from airrace.common.errors import UserError
+from airrace.common.errors import OwnCodeError, UserError
 from airrace.diagrams import race as race_module
 from airrace.diagrams.race import run_race
 from airrace.recording.race_events import StateSample
@@ -29,7 +29,11 @@ def refuse(word):
 
 def read_race(folder):
     """Checks that all files of a race are there and valid; returns race.json."""
-    assert {path.name for path in folder.iterdir()} - {"race.html", "report.html"} == FILES
+    assert {path.name for path in folder.iterdir()} - {
+        "race.html",
+        "report.html",
+        "error.txt",
+    } == FILES
     scenario = load_scenario(filename=str(folder / "scenario.yaml"))
     scenario.check()
     data = {
@@ -263,6 +267,12 @@ FAULTY = """
         def calc_wrench(self, reference, estimate):
             return -super().calc_wrench(reference, estimate)
 
+    class Careless(GeometricController):
+        def calc_wrench(self, reference, estimate):
+            return None
+
+    careless = Careless.from_scenario
+
     class Mapper(GateMapper):
         "Nobody can have its map, not even when the race is over."
         def __init__(self, scenario):
@@ -300,18 +310,30 @@ class TestFaults:
         ids=["at 3 s", "at once", "in an output"],
     )
     def test_a_box_that_raises(self, faulty_boxes, systems, time_s):
-        with pytest.raises(Exception, match="a student's mistake") as e:
+        with pytest.raises(OwnCodeError, match="a student's mistake") as e:
             run_race(short(5.0, systems=systems), faulty_boxes)
-        assert e.type.__name__ == "Crash"
-        data = read_race(faulty_boxes)
-        assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
+        assert type(e.value.__cause__).__name__ == "Crash"
+        data, name = read_race(faulty_boxes), next(iter(systems.values())).replace(":", ".")
+        assert (
+            data["dnf_reason"].startswith(f"stopped by an error: {name}._") and not data["finished"]
+        )
+        assert "() raised Crash: a student's mistake (faulty_boxes.py, line " in data["dnf_reason"]
+        assert "race/__init__.py" in (faulty_boxes / "error.txt").read_text()
         assert data["exploration"]["time_s"] == pytest.approx(time_s, abs=0.101)
 
     def test_a_box_that_calls_exit(self, faulty_boxes):
         """It would look like a race that has finished."""
         with pytest.raises(UserError, match=r"A system of the race has called exit\(0\)"):
             run_race(short(systems={"trajectory_tracker": "faulty_boxes:Leaver"}), faulty_boxes)
-        assert read_race(faulty_boxes)["dnf_reason"] == "stopped by an error"
+        assert "Leaver._look() raised SystemExit" in read_race(faulty_boxes)["dnf_reason"]
+
+    def test_a_box_that_gives_what_is_not_wanted(self, faulty_boxes):
+        with pytest.raises(UserError, match=r"faulty_boxes.Careless.calc_wrench\(\) gave None"):
+            run_race(short(systems={"geometric_controller": "faulty_boxes:careless"}), faulty_boxes)
+        reason = read_race(faulty_boxes)["dnf_reason"]
+        assert reason.startswith(
+            "stopped by an error: faulty_boxes.Careless.calc_wrench() gave None"
+        )
 
     @pytest.mark.slow
     def test_a_controller_that_pushes_down(self, faulty_boxes, monkeypatch):

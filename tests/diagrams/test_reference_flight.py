@@ -154,7 +154,7 @@ ORIGINAL = dict(
 )
 
 
-@both_drones
+@pytest.mark.parametrize("drone", first(RACERS))
 def test_the_originals_controller_hovers(drone):
     """At its 800 Hz, which the plant's step of 1 ms does not divide."""
     flown = fly_on(scenario(drone, **ORIGINAL), hover_reference(8.0), 3.0)
@@ -174,7 +174,7 @@ AIR = {
 }
 
 
-@both_drones
+@pytest.mark.parametrize("drone", first(RACERS))
 @pytest.mark.parametrize("disturbances", AIR.values(), ids=AIR)
 def test_what_pushes_it_does_not_move_it(drone, disturbances):
     """Not for long; without disturbance rejection it stays away."""

@@ -8,7 +8,7 @@ import pytest
 from tests.docs.pages import PAGES, ROOT
 
 FOLDER = ROOT / "docs" / "measurements"
-_USES = re.compile(r"\{airrace-reference\} measurement (\S+)")
+_USES = re.compile(r"airrace-reference: measurement (\S+)")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 USED = sorted({name for page in PAGES for name in _USES.findall(page.read_text("utf-8"))})
 

@@ -45,28 +45,24 @@ def wait_until(condition):
 class TestFly:
     @pytest.mark.slow
     def test_as_if_flown_alone(self, folder):
-        text = "{referee: {time_limit: 0.2}, laps: 2}"
-        row = fly(job(text), "e")
-        options = ["--seed", "3", "--scenario_text", text, "--no-meshcat", "--output", "alone"]
-        assert airrace(["race", *options]) == 1
-        alone = json.loads((folder / "alone" / "race.json").read_text())
-        del alone["wall"]
-        assert row["result"] == alone
-        assert row["stderr"] is None and row["wall"]["seconds"] > 0.0
-        assert (row["seed"], row["gates"], round(row["length_m"])) == (3, 10, 382)
-
-    @pytest.mark.slow
-    def test_a_drone_from_another_machine(self, folder):
-        models = models_path() / "default"
+        """Also with a drone from another machine."""
         (folder / "mine").mkdir()
-        for path in models.iterdir():
+        for path in (models_path() / "default").iterdir():
             if path.is_file():
                 text = path.read_text().replace("name: Default", "name: Mine")
                 (folder / "mine" / path.name).write_text(text)
-        there = job(drone="mine")
+        text = "{referee: {time_limit: 0.2}, laps: 2}"
+        there = job(text, drone="mine")
+        options = ["--seed", "3", "--scenario_text", text, "--no-meshcat", "--no-report"]
+        assert airrace(["race", "-d", "mine", *options, "--output", "alone"]) == 1
         for path in (folder / "mine").iterdir():
             path.unlink()
-        assert fly(there, "e")["result"]["drone"] == "Mine"
+        row = fly(there, "e")
+        alone = json.loads((folder / "alone" / "race.json").read_text())
+        del alone["wall"]
+        assert row["result"] == alone and alone["drone"] == "Mine"
+        assert row["stderr"] is None and row["wall"]["seconds"] > 0.0
+        assert (row["seed"], row["gates"], round(row["length_m"])) == (3, 10, 382)
 
     def test_crashes_cost_one_race_and_leave_their_reason(self, folder):
         (folder / "my_boxes.py").write_text(
@@ -91,7 +87,7 @@ class TestFly:
         assert "a mistake" in row["result"]["dnf_reason"]
         assert "my_boxes.py" in row["stderr"]
 
-    @pytest.mark.slow
+    @pytest.mark.repeats
     def test_what_cannot_be_flown_is_refused(self, folder):
         row = fly(job("systems: {explorer: nobody:Box}"), "e")
         assert set(row) == {"seed", "refused"} and "No module named 'nobody'" in row["refused"]

@@ -1,7 +1,9 @@
 """A pilot and its navigator: what one does when the other one falls silent or takes long."""
 
+import dataclasses as dc
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from airrace.diagrams.race import run_race
@@ -36,7 +38,7 @@ class Slow(SimulatedRemote):
 def race(hexagon, folder, silence, time_limit):
     scenario = Scenario(track=hexagon, laps=1, link_delay=LINK_DELAY)
     scenario.referee.time_limit = time_limit
-    scenario.camera.width, scenario.camera.height = 640, 360
+    scenario.camera.width, scenario.camera.height, scenario.camera.fps = 640, 360, 15.0
     (folder / "autonomy").mkdir()
     transport = Slow(scenario, folder / "autonomy", *silence)
     return run_race(scenario, folder, transport=transport), transport.modes
@@ -60,6 +62,32 @@ def test_a_navigator_that_falls_silent_is_as_a_link_that_failed(hexagon, tmp_pat
     assert not result["finished"] and result["collisions"] == 0
     assert result["dnf_reason"].startswith("the autonomy fell silent at 5.")
     assert result["dnf_reason"].endswith("and the drone landed by itself")
+
+
+class Told(Slow):
+    """Such a race, beside which a board is told thrust and rates."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.told = {}
+
+    def _let_autonomy_step(self, now):
+        super()._let_autonomy_step(now)
+        self.told[round(now, 3)] = self._pilot.rate_command
+
+
+def test_a_board_is_told_thrust_and_rates_while_somebody_leads(hexagon, tmp_path):
+    scenario = Scenario(track=hexagon, laps=1, link_delay=LINK_DELAY)
+    scenario.referee.time_limit = 3.0
+    scenario.camera.width, scenario.camera.height = 640, 360
+    beside = dc.replace(scenario, flight_controller="msp:/dev/ttyACM0", betaflight_config="dump")
+    (tmp_path / "autonomy").mkdir()
+    transport = Told(beside, tmp_path / "autonomy", 1.5, 1e9)
+    run_race(scenario, tmp_path, transport=transport)
+    in_flight = [told for time, told in transport.told.items() if 1.0 < time < 2.0]
+    assert 9.0 < np.mean(in_flight, axis=0)[0] < 15.0  # it climbs
+    assert np.abs(in_flight)[:, 1:].max() < 1.0
+    assert transport.told[2.9] is None
 
 
 def listens(bus):

@@ -44,6 +44,7 @@ def solved(job, timeout=60.0):
     "config", first([{}, dict(lap="rest_to_rest", time_allocation="original")])
 )
 def test_the_same_plan_as_here_and_another_one_after_it(config):
+    """And none of a worker that dies."""
     asked, scenario = problem_and_scenario(**config)
     here = plan_lap(asked)
     with contextlib.closing(PlanningWorker(scenario)) as worker:
@@ -56,12 +57,6 @@ def test_the_same_plan_as_here_and_another_one_after_it(config):
                 np.testing.assert_array_equal(
                     getattr(there, part).sample(times), getattr(here, part).sample(times)
                 )
-
-
-def test_a_worker_that_dies_finds_no_plan():
-    asked, scenario = problem_and_scenario()
-    worker = PlanningWorker(scenario)
-    with contextlib.closing(worker):
         job = worker.submit(asked)
         os.kill(worker._process.pid, signal.SIGKILL)
         assert solved(job) is None

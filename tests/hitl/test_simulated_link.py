@@ -14,7 +14,7 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
     """Args: stall: from when to when the autonomy does nothing (s)."""
     scenario = Scenario(track=hexagon, laps=1, trajectory="4", link_delay=LINK_DELAY, **fields)
     scenario.referee.time_limit = time_limit
-    scenario.camera.width, scenario.camera.height = 640, 360
+    scenario.camera.width, scenario.camera.height, scenario.camera.fps = 640, 360, 15.0
     folder = tmp_path / "autonomy"
     folder.mkdir(exist_ok=True)
     modes = []

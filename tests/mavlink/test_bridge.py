@@ -26,7 +26,7 @@ from tests.worlds.mavlink_client import (
     velocity,
 )
 
-SECONDS = 8.0
+SECONDS = 5.0
 # Hz, of simulated time.
 RATES = {
     "HEARTBEAT": 10,
@@ -60,7 +60,7 @@ def pictures(link):
 
 @pytest.fixture(scope="module")
 def flown():
-    """VQ1: two seconds on the pad, then armed, and a climb at 1 m/s."""
+    """VQ1: two seconds on the pad, then armed, and a climb at 1 m/s for three."""
     session = Session(grand_prix(vq=1))
     session.fly(2.0)
     session.link.say(arm())
@@ -112,7 +112,7 @@ def test_local_ned_begins_on_the_pad(flown):
     places = [(m.x, m.y, m.z) for m in flown.link.of("LOCAL_POSITION_NED")]
     np.testing.assert_allclose(places[round(93 * 1.9)], 0.0, atol=0.02)
     last = flown.link.of("LOCAL_POSITION_NED")[-1]
-    assert -6.5 < last.z < -4.0 and last.vz == pytest.approx(-1.0, abs=0.1)
+    assert -3.5 < last.z < -1.5 and last.vz == pytest.approx(-1.0, abs=0.1)
     odometry = flown.link.of("ODOMETRY")[-1]
     assert odometry.z == pytest.approx(last.z, abs=0.05)
 
@@ -173,10 +173,10 @@ class TestCommands:
         ack = link.of("COMMAND_ACK")[-1]
         assert (ack.command, ack.result) == (400, 0)
         # Thrust and rates, then an attitude.
-        state = session.fly(0.8, rates(0.4))
+        state = session.fly(0.8, rates(0.3))
         assert state.position[2] > 0.5 and state.velocity[2] > 1.0
         q = RollPitchYaw(0.3, 0.0, link.of("ATTITUDE")[-1].yaw).ToQuaternion().wxyz()
-        session.fly(0.6, attitude(q, 0.21))
+        session.fly(0.6, attitude(q, 0.2))
         assert link.of("ATTITUDE")[-1].roll == pytest.approx(0.3, abs=0.03)
         # Velocity and position, in LOCAL_NED.
         session.fly(1.5, velocity(0.0, 0.0, 0.0))
@@ -370,16 +370,14 @@ class TestTheOfficialRace:
 
     def test_a_countdown_begins_with_arming_once_all_is_loaded(self, begun):
         starts = [(at, start) for _, at, start, *_ in statuses(begun.link)]
-        assert starts[0][1] == -1 or starts[0][1] == 13500
+        # Some clients wait until they have seen a race that has no start yet.
+        assert all(start == (-1 if at < 10650 else 13500) for at, start in starts)
         assert starts[-1] == (pytest.approx(14000, abs=260), 13500)
 
-    def test_the_start_disarms_and_the_client_arms_again(self, begun):
-        assert begun.early and not begun.bridge.armed(begun.bridge_context)
-        armed = np.array([bool(m.base_mode & 128) for m in begun.link.of("HEARTBEAT")])
-        assert armed[0] and list(np.nonzero(np.diff(armed.astype(int)))[0]) == [134]
-        begun.link.say(arm())
-        begun.fly(0.05)
-        assert begun.bridge.armed(begun.bridge_context)
+    def test_who_is_armed_before_the_start_stays_armed(self, begun):
+        assert begun.early and begun.bridge.armed(begun.bridge_context)
+        armed = [bool(m.base_mode & 128) for m in begun.link.of("HEARTBEAT")]
+        assert len(armed) > 135 and all(armed)
         assert begun.output("explorer_status").done
 
     def test_the_track_is_sent_once_and_no_more(self, begun):
@@ -436,9 +434,10 @@ class TestTheOfficialRace:
         link.say(arm())
         session.fly(0.3)
         assert session.bridge.flight(session.bridge_context).start == pytest.approx(6.35)
-        _, now, start, *_ = statuses(link)[-1]
-        assert (now, start) == (pytest.approx(100_250, abs=60), 106_350)
         assert link.of("HIGHRES_IMU")[-1].time_usec == pytest.approx(100.3e6, abs=3e4)
+        session.fly(3.5)
+        starts = [start for _, _, start, *_ in statuses(link)]
+        assert (starts[0], starts[-1]) == (-1, 106_350)
 
     def test_motors_are_told_from_the_front_left_on(self):
         session = official_session()

@@ -43,16 +43,16 @@ def setpoint_of(message, dialect=CLEAN, last=NO_SETPOINT):
     return commands.setpoint_of(message, dialect, Situation(frame, ORIGIN, PLACE, YAW, last))
 
 
-@given(numbers, numbers, numbers, st.floats(0.0, 1.0))
+@given(numbers, numbers, numbers, st.floats(0.01, 1.0))
 def test_rates_are_those_of_frd_or_mirrored(roll, pitch, yaw, thrust):
     setpoint = setpoint_of(rates(thrust, roll, pitch, yaw))
     assert setpoint.kind == RATES and setpoint.thrust == thrust
     np.testing.assert_array_equal(setpoint.rates, [roll, -pitch, -yaw])
-    official = np.array([-roll, pitch, yaw])
+    # Officially, those of a stick are FRD's, and only those in rad/s are mirrored.
     curved = setpoint_of(rates(thrust, roll, pitch, yaw), OFFICIAL).rates
-    np.testing.assert_allclose(curved, official * [2.44, 2.46, 2.18])
+    np.testing.assert_allclose(curved, setpoint.rates * [2.44, 2.46, 2.18])
     plain = setpoint_of(rates(thrust, roll, pitch, yaw, mask=144), OFFICIAL).rates
-    np.testing.assert_allclose(plain, official * [0.98, 0.98, 0.89])
+    np.testing.assert_allclose(plain, -setpoint.rates * [0.98, 0.98, 0.89])
 
 
 def test_rates_to_be_ignored_are_none():
@@ -67,8 +67,22 @@ def test_thrust_is_a_share(thrust, expected):
 
 def test_official_thrust_hovers_as_measured_and_grows_as_measured():
     most = VADR.max_thrusts.sum() / VADR.mass  # m/s^2
-    forces = [setpoint_of(rates(u), OFFICIAL).thrust * most for u in (0.266, 0.366, 0.0)]
-    assert forces == pytest.approx([9.81, 9.81 + 5.35, 0.0], abs=0.01)
+    thrusts = np.array([0.0, 0.05, 0.266, 0.286, 0.485, 1.0, 2.0])
+    forces = [setpoint_of(rates(u), OFFICIAL).thrust * most for u in thrusts]
+    expected = [0.0, 0.8, 9.81, 9.81 + 0.02 * 53.5, 24.5, 51.7, 51.7]  # m/s^2
+    assert forces == pytest.approx(expected, abs=0.02)
+    # As one published model flies: at full thrust, drag holds its climb at 30.8 m/s.
+    climbs = np.sqrt((np.array([24.5, 51.7]) - 9.81) / 0.0436)
+    assert climbs == pytest.approx([16.9, 30.8], rel=0.1)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_rates_without_thrust_leave_a_drone_that_stands_still(dialect):
+    dialect = DIALECTS[dialect]
+    assert setpoint_of(rates(0.0, 1.0, 2.0, 3.0), dialect) is NO_SETPOINT
+    # One that flies turns without thrust, too.
+    flying = NO_SETPOINT._replace(kind=RATES, thrust=0.4)
+    assert setpoint_of(rates(0.0, 1.0, 2.0, 3.0), dialect, flying).kind == RATES
 
 
 def test_an_ignored_thrust_keeps_its_last_value_or_hovers():

@@ -189,7 +189,7 @@ def test_a_command_of_the_wires_sign_turns_the_drone_that_way(name, axis):
     np.testing.assert_allclose(euler(flipped_quaternion(asked)), angles, atol=1e-9)
 
 
-THRUST = {"official": 0.27, "none": 0.205}
+THRUST = {"official": 0.27, "none": 0.195}
 
 
 @pytest.mark.slow
@@ -198,10 +198,9 @@ def test_loops_close_as_the_signs_of_the_wire_say(name, monkeypatch):
     """In the plant: turns, a loop on the gyroscope, and one on an attitude with clean signs."""
     hurried = dc.replace(OFFICIAL, loading=0.0, countdown=0.05)  # the race, without the long wait
     monkeypatch.setitem(DIALECTS, "official", hurried)
-    session = Session(grand_prix("{camera: {fps: 2.0}}", dialect=name))
-    for _ in range(2):  # again after the start
-        session.link.say(arm())
-        session.fly(0.1)
+    session = Session(grand_prix("{camera: {fps: 2.0}}", dialect=name, vq=1))
+    session.link.say(arm())
+    session.fly(0.2)
     session.fly(0.35, rates(0.5, mask=144))
     # A command of the gyroscope's sign turns the drone so that the gyroscope says it.
     for wanted in np.eye(3):
@@ -210,6 +209,14 @@ def test_loops_close_as_the_signs_of_the_wire_say(name, monkeypatch):
         gyro = np.array([imu.xgyro, imu.ygyro, imu.zgyro])
         assert gyro @ wanted == pytest.approx(1.0, abs=0.25)
         session.fly(0.25, rates(THRUST[name], *-wanted, mask=144), rate=100.0)
+    # Where rates are those of a stick, officially it turns against what the gyroscope says.
+    for wanted in np.eye(3):
+        session.fly(0.1, rates(THRUST[name], *0.4 * wanted), rate=100.0)
+        imu = session.link.of("HIGHRES_IMU")[-1]
+        gyro = np.array([imu.xgyro, imu.ygyro, imu.zgyro])
+        turned = -0.4 * np.array(OFFICIAL.stick_gains) if name == "official" else np.full(3, 0.4)
+        assert gyro @ wanted == pytest.approx(turned @ wanted, rel=0.25)
+        session.fly(0.1, rates(THRUST[name], *-0.4 * wanted), rate=100.0)
     # A loop that is closed on the gyroscope is stable: what it says and what is said agree.
     angle, before = np.zeros(3), [session.link.of("HIGHRES_IMU")[-1].time_usec]
 
@@ -222,6 +229,14 @@ def test_loops_close_as_the_signs_of_the_wire_say(name, monkeypatch):
     session.fly(0.8)
     assert np.abs(angle).max() < 0.1 and tilt_of(session).max() < 0.6
 
+    def upright(attitude):  # as entrants close it: pitch the other way round than roll
+        pitch = attitude.pitch if name == "official" else -attitude.pitch
+        return 4.0 * np.array([-attitude.roll, pitch, 0.0])
+
+    close(session, name, upright, "ATTITUDE", mask=128)
+    session.fly(1.0)
+    assert np.abs(tilt_of(session)).max() < 0.1
+
     def level(imu):
         return -4.0 * tilt_of(session)  # in FRD, as it is: only the command has clean signs
 
@@ -230,13 +245,13 @@ def test_loops_close_as_the_signs_of_the_wire_say(name, monkeypatch):
     assert (np.abs(tilt_of(session)).max() < 0.1) == (name == "none")
 
 
-def close(session, name, law):
-    """Lets a client answer each HIGHRES_IMU with the body rates of a law."""
+def close(session, name, law, kind="HIGHRES_IMU", mask=144):
+    """Lets a client answer each message of a kind with the body rates of a law."""
 
     def answer(message):
-        if message.get_type() != "HIGHRES_IMU":
+        if message.get_type() != kind:
             return []
-        return [rates(THRUST[name], *np.clip(law(message), -3.0, 3.0), mask=144)]
+        return [rates(THRUST[name], *np.clip(law(message), -3.0, 3.0), mask=mask)]
 
     session.link.answer = answer
 

@@ -76,10 +76,10 @@ def test_actuators_are_four():
 
 
 @pytest.mark.parametrize(
-    "dialect, angles, sign, quaternion",
-    [("official", [1, -1, -1], -1, [1, -1, 1, -1]), ("none", [1, 1, 1], 1, [1, 1, 1, 1])],
+    "dialect, angles, sign, quaternion, child",
+    [("official", [1, -1, -1], -1, [1, -1, 1, -1], 8), ("none", [1, 1, 1], 1, [1, 1, 1, 1], 12)],
 )
-def test_the_pose_has_the_signs_of_its_dialect(dialect, angles, sign, quaternion):
+def test_the_pose_has_the_signs_of_its_dialect(dialect, angles, sign, quaternion, child):
     dialect, clock = DIALECTS[dialect], Clock(3.0)
     message = wire(telemetry.attitude(dialect, clock, NED))
     assert message.time_boot_ms == 3000
@@ -90,9 +90,11 @@ def test_the_pose_has_the_signs_of_its_dialect(dialect, angles, sign, quaternion
 
     message = wire(telemetry.odometry(dialect, clock, NED))
     assert (message.x, message.y, message.z) == (1.0, 2.0, -3.0)
-    # In FRD, in both: the same velocity, turned by the attitude.
+    # Its own quaternion turns its velocity to NED's, in both.
     v = [message.vx, message.vy, message.vz]
-    np.testing.assert_allclose(rotation_matrix(NED.quaternion) @ v, NED.velocity, atol=1e-5)
+    turned = rotation_matrix(np.array(message.q) / np.linalg.norm(message.q)) @ v
+    np.testing.assert_allclose(turned, NED.velocity, atol=1e-5)
+    assert (message.frame_id, message.child_frame_id) == (1, child)
     rates = [message.rollspeed, message.pitchspeed, message.yawspeed]
     np.testing.assert_allclose(rates, sign * NED.rates, atol=1e-6)
     np.testing.assert_allclose(message.q, NED.quaternion * quaternion, atol=1e-6)

@@ -9,7 +9,9 @@ import types
 
 import pytest
 
+from airrace.betaflight.firmware import find_firmware
 from airrace.commands import python_race
+from airrace.common.errors import UserError
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
 # To save time, lessons' races here have half of the usual pictures, or none and a given map.
@@ -28,7 +30,8 @@ FEWER_DRONES = "DRONES, SECONDS = 128", "DRONES, SECONDS = 64"
 BRIEF_RACES = {
     **RACES,
     "1_first_race": NONE,
-    "5_your_own_box": {**FEWER, "referee": {"time_limit": 8.0}},
+    "5_your_own_box": {**FEWER, "referee": {"time_limit": 6.0}},
+    "11_tune_the_rate_loop": {"referee": {"time_limit": 1.0}},
 }
 BRIEF_CODE = {
     "2_dynamics_and_controller": [("seconds=8.0", "seconds=4.0")],
@@ -38,15 +41,26 @@ BRIEF_CODE = {
         ("len(races) == 2", "len(races) == 1"),
     ],
     "7_where_am_i": [("range(8)", "range(3)"), ("FLIGHTS = 5", "FLIGHTS = 2")],
-    "8_delay_in_the_loop": [("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)")],
+    "8_delay_in_the_loop": [
+        ("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)"),
+        ("seconds=6.0", "seconds=4.0"),
+        ("times > 5.0", "times > 3.0"),
+    ],
+    "9_losing_a_rotor": [("seconds=8.0", "seconds=6.0")],
     "10_a_policy_that_learns": [
-        ("DRONES, SECONDS = 128", "DRONES, SECONDS = 32"),
+        ("DRONES, SECONDS = 128, 8.0", "DRONES, SECONDS = 32, 4.0"),
         ("iterations=60", "iterations=2"),
         ("iterations=30", "iterations=2"),
     ],
+    "11_tune_the_rate_loop": [
+        ("(22, 45, 90, 160)", "(45, 90)"),
+        ("(0, 30, 60, 120)", "(0, 60)"),
+        ('("shipped", "hardly filtered")', '("shipped",)'),
+    ],
 }
 # What these say at their end of what they have shown needs all of the lesson.
-ONLY_WHOLE = "5_your_own_box", "10_a_policy_that_learns"
+ONLY_WHOLE = "5_your_own_box", "10_a_policy_that_learns", "11_tune_the_rate_loop"
+FIRMWARE = "11_tune_the_rate_loop"  # takes what `airrace betaflight build` builds
 # Before a lesson: notes what it flies, and lets its races be short.
 NOTE = """
 import dataclasses as _dc
@@ -153,11 +167,21 @@ def note(path, races):
     return NOTE.replace("FIELDS", repr(races.get(path.stem, {})))
 
 
+def need_firmware(path):
+    """Skips the lesson of Betaflight on a computer without it."""
+    if path.stem == FIRMWARE:
+        try:
+            find_firmware()
+        except UserError as e:
+            pytest.skip(str(e))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
     pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
     plt = pytest.importorskip("matplotlib.pyplot")
+    need_firmware(path)
     code = cells(path, "code")
     for old, new in BRIEF_CODE.get(path.stem, ()):
         assert any(old in source for source in code), f"{path.name} has no {old}"
@@ -189,6 +213,7 @@ def test_a_notebook_and_its_solutions_run(path, tmp_path, monkeypatch):
     nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
     pytest.importorskip("ipykernel", reason="pip install '.[notebooks]'")
     pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
+    need_firmware(path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     notebook = nbformat.read(path, as_version=4)

@@ -56,7 +56,7 @@ def pose_and_rates(sample):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drone", RACERS)
+@pytest.mark.parametrize("drone", first(RACERS))
 @pytest.mark.parametrize("kind", first(["optimal", 4, 6]))
 def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     vehicle, sdf = load_vehicle(drone)

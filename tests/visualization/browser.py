@@ -164,6 +164,18 @@ class Browser:
         self._call("Target.closeTarget", targetId=new[0]["targetId"])
         return new[0]["url"]
 
+    def tap(self, selector: str) -> None:
+        """Taps something as a finger does."""
+        place = self.evaluate(
+            f"(({{ x, y, width, height }}) => [x + width / 2, y + height / 2])"
+            f"(document.querySelector('{selector}').getBoundingClientRect())"
+        )
+        self._call("Emulation.setTouchEmulationEnabled", enabled=True)
+        finger = [dict(zip("xy", place))]
+        for kind, points in (("touchStart", finger), ("touchEnd", [])):
+            self._call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        self._call("Emulation.setTouchEmulationEnabled", enabled=False)
+
     def _pages(self) -> list[dict]:
         targets = self._call("Target.getTargets")["targetInfos"]
         return [each for each in targets if each["type"] == "page" and each["url"] != "about:blank"]

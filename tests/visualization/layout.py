@@ -32,14 +32,16 @@ _PANELS = """(() => {
 })()"""
 _PAGE = """(() => {
   const box = (each) => each.getBoundingClientRect();
-  const letters = [...document.querySelectorAll("figure svg text")].map(
-    (each) => parseFloat(getComputedStyle(each).fontSize) * Math.hypot(each.getScreenCTM().a,
+  const letters = [...document.querySelectorAll("figure svg text")].filter(
+    (each) => each.getClientRects().length).map((each) => parseFloat(getComputedStyle(each).fontSize) * Math.hypot(each.getScreenCTM().a,
       each.getScreenCTM().b));
   const tiles = [...document.querySelectorAll(".facts li")];
   const rows = Map.groupBy(tiles, (each) => Math.round(box(each).top));
   const ragged = [...rows.values()].filter((row) => new Set(row.flatMap((each) =>
     [box(each).height, box(each.querySelector("b")).bottom].map(Math.round))).size > 2).length;
-  return { over: document.documentElement.scrollWidth - innerWidth, ragged,
+  const scrolled = [...document.querySelectorAll("figure > div")].filter(
+    (each) => each.scrollWidth > each.clientWidth + 1).length;
+  return { over: document.documentElement.scrollWidth - innerWidth, ragged, scrolled,
     tiles: new Set(tiles.map((each) => Math.round(box(each).width))).size,
     least: Math.min(99, ...letters) };
 })()"""
@@ -64,6 +66,6 @@ def check_page(browser, url):
             browser.resize(width, height, theme)
             found = browser.evaluate(_PAGE)
             assert found["over"] <= 0, (width, found)
-            assert found["least"] > 8.0, (width, found)
+            assert found["least"] > 8.0 and found["scrolled"] == 0, (width, found)
             assert found["ragged"] == 0 and found["tiles"] <= 1, (width, found)
     browser.resize(640, 400, "light")

@@ -7,6 +7,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.visualization.controls import MAX_RATE, Pace, PaceRequest, RaceControls
+from tests.worlds.cases import guarded
 
 
 @pytest.fixture
@@ -73,6 +74,7 @@ ANYTHING = st.recursive(
 )
 
 
+@guarded
 @given(ANYTHING)
 def test_whatever_a_page_sends_is_a_sensible_request(message):
     pace = PaceRequest()

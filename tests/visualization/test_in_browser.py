@@ -367,6 +367,10 @@ def test_panels_hold_at_every_width(browser, folder):
             browser.evaluate(f"document.getElementById('{opened}').click()")
             assert check_panels(browser, width) != [] and "clock" in panels
             browser.evaluate(f"document.getElementById('{opened}').click()")
+    browser.tap("#help-button")
+    browser.wait_for("document.getElementById('help').open")
+    browser.tap("#help button")
+    browser.wait_for("!document.getElementById('help').open")
     browser.resize(640, 400)
     assert browser.errors == []
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from airrace.visualization import race_record
 from airrace.visualization.race_record import CROSSINGS, EVENTS, FRAME, RaceRecord, script_json
+from tests.worlds.cases import guarded
 
 
 def frames_of(batch):
@@ -93,6 +94,7 @@ def test_a_reader_in_another_thread_misses_nothing():
     np.testing.assert_array_equal(seen, np.arange(3000))
 
 
+@guarded
 @given(st.text())
 def test_nothing_ends_a_script_element(text):
     made = script_json({"text": text})

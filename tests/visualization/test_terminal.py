@@ -82,7 +82,7 @@ def test_a_log_where_there_is_no_terminal():
     assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
     assert lines[-2:] == [
         "Finished: mean lap 10.00 s, best 10.00 s (the original system, from rest to rest: "
-        "mean 40.60 s); 12 s of work, 2.5 x real time.",
+        "mean 40.60 s); 12 s to simulate, 2.5 x real time.",
         "Results: runs/here",
     ]
     assert "\x1b" not in console.file.getvalue()
@@ -154,7 +154,10 @@ def test_a_race_that_does_not_finish():
     race = Race(console)
     race.look(9.0, 5, done=True)
     race.display.print_summary(race.result.data(1.0, "interrupted"), "runs/here")
-    assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
+    assert (
+        "Did not finish: interrupted; 1 s to simulate, 9.0 x real time.\n"
+        in console.file.getvalue()
+    )
     assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
 
 
@@ -317,6 +320,36 @@ def test_a_drone_that_tumbles_is_told_once():
         race.display.take(StateSample(time, truth=turning))
     (line,) = console.file.getvalue().splitlines()[2:]
     assert line.startswith("[    0.3 s] it turns at 16 rad/s, for which the plant's steps are")
+
+
+@pytest.mark.parametrize(
+    "systems, lost, lines",
+    [({"geometric_controller": "mine:make"}, False, 1), ({}, False, 0)]
+    + [({"geometric_controller": "mine:make"}, True, 0)],
+    ids=["own controller", "ours", "a rotor was lost"],
+)
+def test_moments_of_the_wrong_sign_are_told_once(systems, lost, lines):
+    console = plain()
+    race = Race(console, systems=systems)
+    race.look(0.1)
+    race.display._lost += [1] * lost
+    race.look(
+        0.6,
+        state="TAKE_OFF",
+        reason="level",
+        since=0.5,
+        events=(ExplorerEvent(0.5, "TAKE_OFF", "level"),),
+    )
+    still = as_state(np.eye(STATE_SIZE)[1])
+    for time, lean in ((0.7, 0.2), (0.9, 1.2), (1.0, 2.0)):
+        leaning = still._replace(quaternion=np.array([np.cos(lean / 2), np.sin(lean / 2), 0, 0]))
+        race.display.take(StateSample(time, truth=leaning))
+    told = [line for line in console.file.getvalue().splitlines() if "turns over" in line]
+    assert len(told) == lines
+    if lines:
+        assert (
+            "[    0.9 s] it turns over about its x axis, 0.4 s after take-off: moments" in told[0]
+        )
 
 
 @pytest.mark.parametrize("terminal", [False, True])

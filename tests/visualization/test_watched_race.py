@@ -32,6 +32,7 @@ def run(tmp_path, hexagon, monkeypatch):
     def run(name, page=None, text="{}", time_limit=6.0, sinks=()):
         scenario = load_scenario(scenario_text=text)
         scenario.track = hexagon
+        scenario.camera.width, scenario.camera.height = 640, 360
         scenario.referee.time_limit = time_limit
         folder = tmp_path / name
         folder.mkdir()

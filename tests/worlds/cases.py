@@ -3,6 +3,10 @@
 from collections.abc import Iterable
 
 import pytest
+from hypothesis import settings
+
+# Of what text and bytes from outside may be, as many examples by default as with --all.
+guarded = settings(max_examples=max(100, settings.default.max_examples))
 
 
 def first(cases: Iterable, count: int = 1) -> list:

@@ -7,6 +7,7 @@ import contextlib
 import dataclasses as dc
 import gc
 import time
+import traceback
 import types
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,10 +16,11 @@ from typing import TYPE_CHECKING
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.common.errors import UserError
+from airrace.common.errors import OwnCodeError, UserError, words
 from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
+from airrace.diagrams.own_systems import find_mistake
 from airrace.diagrams.simulation import MakeMonitor, MakeSimulation
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.recording.course_result import CourseResult
@@ -44,10 +46,14 @@ RESULTS = (
     "map_statistics.json",
     "race.json",
     "race.mcap",
+    "betaflight.txt",
+    "betaflight.bfl",
     "race.html",
     "report.html",
+    "error.txt",
 )
 INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
+STOPPED = "stopped by an error"  # or so, after an exception
 
 
 def run_race(
@@ -79,6 +85,8 @@ def run_race(
     Raises:
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
+        OwnCodeError: if a system of the scenario's own raised an exception; the whole traceback is
+            left in error.txt.
     """
     transport = transport or InProcess()
     diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
@@ -91,12 +99,23 @@ def run_race(
             gc.freeze()
             reason = race.fly(interrupted)
         except BaseException as e:
-            race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
+            mistake = None if interrupted.is_set else find_mistake(e, scenario)
+            why = mistake.sentence if mistake else ""
+            if scenario.systems and isinstance(e, UserError):  # as of what they give
+                why = words(e)
+            reason = f"{STOPPED}: {why}" if why else STOPPED
+            race.rescue(INTERRUPTED if interrupted.is_set else reason)
             if isinstance(e, SystemExit):  # of a system of the user's; it would look like success
                 raise UserError(
                     f"A system of the race has called exit({e.code}), and the race ends with it: "
                     "systems raise an exception if something is wrong."
                 ) from e
+            if mistake:
+                file = output_dir / "error.txt"
+                with contextlib.suppress(UserError):  # a full disk
+                    write_text(file, "".join(traceback.format_exception(e)))
+                sentence = f"airrace: {mistake.sentence}; the whole traceback is in {file}."
+                raise OwnCodeError("\n".join([*mistake.frames, sentence])) from e
             raise
         finally:
             gc.unfreeze()
@@ -125,10 +144,16 @@ def MakeRace(
         UserError: if something the scenario names cannot be had, or the recording
             cannot be written.
     """
+    transport = transport or InProcess()
+    if scenario.flight_controller not in transport.flight_controllers:
+        raise UserError(
+            f"With flight_controller '{scenario.flight_controller}' only `airrace race` flies, and "
+            "no simulation with hardware in the loop: set it to internal."
+        )
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, visible=page is not None))
     try:
-        autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
+        autonomy = transport.AddToBuilder(builder, scenario, simulation)
     except RuntimeError as e:  # only systems of the scenario's own can have such ports
         message = " ".join(str(e).split())
         raise UserError(f"The ports of the systems do not fit: {message}") from None

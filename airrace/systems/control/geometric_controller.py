@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compiled
-from airrace.systems.contract import name_of
+from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.control.control_law import (
     as_parameters,
     lee_wrench,
@@ -14,6 +14,7 @@ from airrace.systems.control.control_law import (
     parameters_vector,
 )
 from airrace.systems.control.own_wrench import OwnWrench
+from airrace.systems.control.rates_of_wrench import set_rates
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
@@ -50,6 +51,7 @@ class GeometricController(LeafSystem):
         - air (may be left open: it is not known)
         output_ports:
         - rotor_speed_command
+        - rate_command (for a flight controller)
 
     ``reference``: a trajopt.Reference (18); ``filtered_estimate``: a vehicle.State
     (14); ``disturbance``: an acceleration to lean against (m/s^2,
@@ -57,7 +59,8 @@ class GeometricController(LeafSystem):
     (N m, in B), see MomentObserver; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
     ``rotor_factors``: see RotorLearner; ``rotor_losses``: see RotorMonitor; ``air``: see
-    AirLearner.
+    AirLearner. ``rate_command``, for a flight controller that makes rotor
+    speeds of it: [f, w_x, w_y, w_z], thrust (N) and rates in B (rad/s), (4,), see set_rates().
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
@@ -84,6 +87,7 @@ class GeometricController(LeafSystem):
         attitude_error: str = "reduced",
         gains: str = "vehicle",
         rotor_overdrive: bool = True,
+        commands_rates: bool = False,
     ):
         """Constructs the controller.
 
@@ -101,16 +105,20 @@ class GeometricController(LeafSystem):
                 original_gains. A drone that cannot hold its yaw descends with "vehicle".
             rotor_overdrive: whether commands overshoot; without, the commanded
                 speeds are the desired ones.
+            commands_rates: whether a flight controller is told thrust and rates.
 
         Raises:
-            UserError: if the vehicle lacks the gains.
+            UserError: if the vehicle lacks the gains, or a calc_wrench() of one's own takes other
+                arguments.
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._feed_forward = feed_forward
         self._rejects = disturbance_rejection
         # One vector is quicker to hand over, see common/jit.py.
-        self._parameters = parameters_vector(make_parameters(vehicle, attitude_error, gains))
+        parameters = make_parameters(vehicle, attitude_error, gains)
+        self._parameters = parameters_vector(parameters)
+        self._inertia, self._rate_gains = parameters.inertia, parameters.k_w
 
         @functools.lru_cache(maxsize=64)
         def known(losses, factors):
@@ -137,8 +145,14 @@ class GeometricController(LeafSystem):
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
+        self._rates: int | None = None  # a state, of what a flight controller is told
+        if commands_rates:
+            rates = self.DeclareDiscreteState(4)
+            self.DeclareStateOutputPort("rate_command", rates)
+            self._rates = int(rates)
         self._own: OwnWrench | None = None
         if type(self).calc_wrench is not GeometricController.calc_wrench:
+            check_arguments(self.calc_wrench, "reference", "estimate")
             clips = self.DeclareDiscreteState(1)
             self.DeclareStateOutputPort("negative_thrusts", clips)
             self._own = OwnWrench(f"{name_of(self)}.calc_wrench()", clips)
@@ -146,7 +160,10 @@ class GeometricController(LeafSystem):
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the controller of a scenario."""
-        return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
+        options = vars(scenario.controller)
+        if scenario.flight_controller != "internal":
+            options = options | {"commands_rates": True}
+        return cls(vehicle=load_vehicle(scenario.drone)[0], **options)
 
     def _update_command(self, context, discrete_state):
         losses = read_vector(self._losses, context).tobytes()
@@ -172,11 +189,14 @@ class GeometricController(LeafSystem):
             else:
                 wrench = self.calc_wrench(reference, estimate)
                 wrench = self._own.checked(wrench, reference, estimate, discrete_state)
-            wrench = wrench - np.array((0.0, *moment))
         elif all_finite(estimate) and all_finite(disturbance):
-            wrench = self._reduced.wrench(estimate, disturbance, remaining)
+            wrench, moment = self._reduced.wrench(estimate, disturbance, remaining), _NONE
         else:
             return
+        if self._rates is not None and all_finite(wrench):
+            rates = discrete_state.get_mutable_value(self._rates)
+            set_rates(rates, wrench, estimate, self._inertia, self._rate_gains)
+        wrench = wrench - np.array((0.0, *moment))
         allocator, command = remaining.allocator, discrete_state.get_mutable_value()
         rotors = (
             read_vector(self._speeds, context),

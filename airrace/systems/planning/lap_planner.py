@@ -12,7 +12,7 @@ from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
 from airrace.scenario import PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
-from airrace.systems.contract import name_of
+from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
@@ -119,8 +119,11 @@ class LapPlanner(LeafSystem):
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
+            UserError: if solve takes other arguments.
         """
         LeafSystem.__init__(self)
+        check_arguments(solve, "problem")
+        check_arguments(self.solve, "problem")  # of a class of one's own
         max_speed, max_acceleration = parse_limits(config.limits)
         self._limits = FlightLimits(
             vehicle,

@@ -6,6 +6,7 @@ import { minutes, seconds } from "airrace/standing.js";
 const RATES = [0.1, 0.25, 0.5, 1, 2, 4];
 const RACE_RATES = [0, 0.25, 0.5, 1, 2, 4]; // of a simulation; 0 is as fast as it can
 const BEFORE = 1.0; // s, before what is jumped to
+const ROOM = 17; // px, that the number of a gate takes
 
 const element = (id) => document.getElementById(id);
 
@@ -125,6 +126,13 @@ export class Bar {
       context.fillStyle = lap ? text : dim;
       if (!lap && pixels < 0.25) continue; // too close to tell apart
       context.fillRect(at(t), lap ? 0 : 8, lap ? 2 : 1, lap ? 14 : 6);
+      if (!lap && k && at(t) - at(timeline.crossings[k - 1].t) > ROOM) {
+        context.font = `9px ${font}`;
+        context.textAlign = "center";
+        context.fillText(String(gate), at(t), -1);
+        context.font = `600 10px ${font}`;
+        context.textAlign = "left";
+      }
       const closes = k + 1 === timeline.crossings.length && timeline.over;
       if (lap && !closes) {
         context.fillText(String(1 + k / this.config.gates.length), at(t) + 4, 0);

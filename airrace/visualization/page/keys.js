@@ -16,11 +16,13 @@ const HELP = [
   ["E", "legend"],
   ["H", "show or hide everything but the scene"],
   ["?", "this help"],
+  ["With fingers", "in overview and free: one turns, two move and come nearer"],
 ];
 
 export function makeHelp(live) {
   const dialog = document.getElementById("help");
   const title = document.createElement("h3"), table = document.createElement("table");
+  const close = document.createElement("button"), head = document.createElement("header");
   title.textContent = live ? "Watching a race" : "Watching a replay";
   for (const [keys, text] of HELP) {
     const row = table.insertRow(), key = document.createElement("kbd");
@@ -30,7 +32,10 @@ export function makeHelp(live) {
   }
   const note = document.createElement("p");
   note.textContent = "Nothing that you do here changes what happens in the race.";
-  dialog.replaceChildren(title, table, note);
+  close.textContent = "Close";
+  close.onclick = () => dialog.close();
+  head.append(title, close);
+  dialog.replaceChildren(head, table, note);
   dialog.onclick = () => dialog.close();
   document.getElementById("help-button").onclick = () => dialog.showModal();
   return dialog;

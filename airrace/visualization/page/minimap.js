@@ -2,7 +2,7 @@
 import { css, speedColor } from "airrace/colors.js";
 import { rotated } from "airrace/timeline.js";
 
-const MARGIN = 14; // px
+const MARGIN = 18, EDGE = 7, ASIDE = 9; // px, around pylons, around numbers, and between them
 const STRIDE = 4; // frames a stretch
 const BEFORE = 60; // s, that the flown line reaches back
 
@@ -18,8 +18,9 @@ export function fitted(canvas) {
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
   const style = getComputedStyle(canvas);
-  return { context, width, height, text: style.color, font: style.fontFamily,
-    dim: style.getPropertyValue("--dim"), accent: style.getPropertyValue("--accent") };
+  const [rim, next, dim, accent] = ["rim", "next", "dim", "accent"].map(
+    (name) => style.getPropertyValue(`--${name}`));
+  return { context, width, height, text: style.color, font: style.fontFamily, rim, next, dim, accent };
 }
 
 export class Minimap {
@@ -39,9 +40,9 @@ export class Minimap {
     const at = ([x, y]) => [width / 2 + scale * (x - (x0 + x1) / 2),
       height / 2 - scale * (y - (y0 + y1) / 2)];
     this.drawPath(context, at, t);
-    this.drawGates(place, at, nextGate, shifts);
     for (const other of others) this.drawDot(context, at(other.p), other.color, 4);
     if (now) this.drawDrone(place, at, now);
+    this.drawGates(place, at, nextGate, shifts);
   }
 
   drawPath(context, at, t) {
@@ -61,25 +62,29 @@ export class Minimap {
     }
   }
 
-  drawGates({ context, text, font }, at, nextGate, shifts) {
+  drawGates({ context, width, height, text, next, rim, font }, at, nextGate, shifts) {
     this.config.gates.forEach((gate, i) => {
       const moved = shifts ? [shifts[i][0] - gate.middle[0], shifts[i][1] - gate.middle[1]] : [0, 0];
       const [a, b] = gate.pylons.map(([x, y]) => at([x + moved[0], y + moved[1]]));
       const isNext = i + 1 === nextGate;
-      context.strokeStyle = isNext ? "#e0a800" : text;
+      context.strokeStyle = isNext ? next : text;
       context.lineWidth = isNext ? 4 : 2;
       context.beginPath();
       context.moveTo(...a);
       context.lineTo(...b);
       context.stroke();
-      // The number stands before the gate, where the drone comes from.
-      const [x, y] = at([gate.middle[0] + moved[0] - 6 * gate.forward[0],
-        gate.middle[1] + moved[1] - 6 * gate.forward[1]]);
-      context.fillStyle = isNext ? "#e0a800" : text;
+      // The number stands beside the right pylon, where nothing is flown, and has a rim.
+      const far = ASIDE / Math.max(Math.hypot(b[0] - a[0], b[1] - a[1]), 1e-6);
+      const inside = (k, size) => Math.min(Math.max(b[k] + far * (b[k] - a[k]), EDGE), size - EDGE);
+      const place = [inside(0, width), inside(1, height)];
+      context.fillStyle = isNext ? next : text;
       context.font = `${isNext ? 700 : 500} 11px ${font}`;
       context.textAlign = "center";
       context.textBaseline = "middle";
-      context.fillText(String(i + 1), x, y);
+      context.lineWidth = 3;
+      context.strokeStyle = rim;
+      context.strokeText(String(i + 1), ...place);
+      context.fillText(String(i + 1), ...place);
     });
   }
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from airrace.common.errors import UserError
 from airrace.hitl.link.link_key import TRAILER, UNSIGNED, Seal, read_key
 from airrace.hitl.link.packets import REPLAYED, Dropped
+from tests.worlds.cases import guarded
 
 KEY = bytes(range(32))
 
@@ -24,6 +25,7 @@ def reason_of(seal, datagram):
     return e.value.args[0]
 
 
+@guarded
 @given(data=st.binary(max_size=100), at=st.integers(0, 131), bit=st.integers(0, 7))
 def test_sealed_and_changed(data, at, bit):
     one, other = Seal(KEY), Seal(KEY)

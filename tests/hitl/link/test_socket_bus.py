@@ -12,6 +12,7 @@ from airrace.hitl.link import message_socket
 from airrace.hitl.link.message_socket import LARGEST
 from airrace.hitl.link.packets import MAX_SIZE
 from airrace.hitl.link.socket_bus import SocketBus
+from tests.worlds.cases import guarded
 from tests.worlds.sockets import drain
 
 
@@ -95,6 +96,7 @@ def test_what_is_no_message_breaks_the_link(ends, head):
     assert not bus.hand_over()
 
 
+@guarded
 @given(data=st.binary(max_size=100))
 def test_any_bytes(data):
     a, b = socket.socketpair()

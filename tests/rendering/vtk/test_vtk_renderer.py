@@ -88,7 +88,7 @@ def views(count):
 
 # One sample a pixel aliases a little more than the planar renderer does.
 @pytest.mark.slow
-@pytest.mark.parametrize("supersampling, rms, count", first([(1, 0.25, 30), (2, 0.15, 15)]))
+@pytest.mark.parametrize("supersampling, rms, count", first([(1, 0.25, 12), (2, 0.15, 15)]))
 def test_renderers_agree_on_corners(vtk_available, supersampling, rms, count):
     vtk = make_vtk(supersampling)
     from_vtk, from_planar = [], []

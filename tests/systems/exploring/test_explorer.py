@@ -145,9 +145,9 @@ def test_ends_hovering_over_the_start(reference_run):
 
 @pytest.mark.slow
 def test_the_same_seed_flies_the_same(reference_run):
-    again = run(REFERENCE, seconds=20.0)
-    np.testing.assert_array_equal(again.path, reference_run.path[:400])
-    assert not np.array_equal(run(REFERENCE, seconds=10.0, seed=1).path, again.path[:200])
+    again = run(REFERENCE, seconds=12.0)
+    np.testing.assert_array_equal(again.path, reference_run.path[:240])
+    assert not np.array_equal(run(REFERENCE, seconds=6.0, seed=1).path, again.path[:120])
 
 
 @pytest.mark.slow
@@ -212,7 +212,7 @@ def test_a_lone_marker_is_stepped_around():
 @pytest.mark.slow
 def test_steps_around_that_do_not_help_are_followed_by_another_search():
     """The left board shows only from above the pylons."""
-    flown = run(REFERENCE, hidden=lambda id, p: id == 0 and p[2] < 12.0)
+    flown = run(REFERENCE, seconds=60.0, hidden=lambda id, p: id == 0 and p[2] < 12.0)
     entered = states(flown)
     assert entered.count("STEP_AROUND") > 1
     assert flown.status.gates[:2] == (0, 1)

@@ -86,7 +86,6 @@ def test_a_slow_start_keeps_the_limits(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
 @given(seeds)
 def test_a_leg_is_planned_with_few_trials(seed):
     """Control waits for it; one that cannot be flown must not take long, either."""

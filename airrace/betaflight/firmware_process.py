@@ -1,0 +1,190 @@
+"""The process of the firmware, in lockstep with whoever holds its other end."""
+
+import contextlib
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from airrace.betaflight.firmware import Firmware
+from airrace.common.errors import UserError
+from airrace.common.held_folders import temporary_folder
+from airrace.common.processes import ending
+
+PERIOD = 0.001  # s, of a step
+CHANNELS = 16  # of the radio
+NO_RADIO = CHANNELS * (0,)  # channels of a radio that is not on yet
+# A Step of lockstep.c, and Motors.
+_STEP = np.dtype([("sensors", "<f8", 18), ("channels", "<u2", CHANNELS)])
+_MOTORS = np.dtype([("count", "<u2"), ("unused", "<u2"), ("outputs", "<f4", 16)])
+_PORT = struct.Struct("<I")
+_PATIENCE = 20.0  # s, that a step may take on a busy computer
+_AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
+_LIBRARY = "lockstep.so"  # in the folder of the process
+_WARM_UP, _TIMED = 500, 2000  # steps, of steps_a_second()
+_PRESSURE = 101325.0  # Pa
+REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
+
+
+# Rates are told in axes that point forward, right and down. Accelerations are what a sensor in B
+# shows, with the opposite sign.
+_SIGNS = np.array((1.0, -1.0, -1.0, -1.0, -1.0, -1.0))
+_IMU, _LEVEL = slice(1, 7), 7  # among the sensors: Betaflight's rate mode uses no attitude
+
+
+class FirmwareProcess:
+    """A process of the firmware, between whose steps nothing happens.
+
+    It is told of its sensors and its radio, runs for a millisecond of its own time, and says what
+    its motors get; see lockstep.c. The process uses no fixed ports: it is spoken to on a socket
+    that only the two have. It ends with this object, and with this process however that ends.
+
+    Attributes:
+        problem: why it does not fly any more, one sentence; None while it does.
+        port: of its command line and of MSP, on loopback; None before the firmware has opened it.
+    """
+
+    def __init__(self, firmware: Firmware, folder: Path):
+        """Starts the process.
+
+        Args: firmware: what to run. folder: its settings are in it, in ``eeprom.bin``.
+
+        Raises:
+            UserError: if it cannot be started.
+        """
+        self.problem: str | None = None
+        self.port: int | None = None
+        self._answers = 1  # that are to come: at first, of its start
+        self._motors = np.zeros(CHANNELS)
+        self._step = np.zeros((), _STEP)
+        self._sensors, self._channels = self._step["sensors"], self._step["channels"]
+        self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
+        self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.settimeout(_PATIENCE)
+        preload = {"LD_PRELOAD": f"./{_LIBRARY}", "AIRRACE_LOCKSTEP_FD": str(other.fileno())}
+        with other:
+            try:
+                shutil.copy(firmware.library, folder / _LIBRARY)  # no path may have a space in it
+                self._process = subprocess.Popen(
+                    [str(firmware.program)],
+                    cwd=folder,
+                    env=os.environ | preload,
+                    pass_fds=[other.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,  # Ctrl-C in a terminal is for airrace
+                )
+            except OSError as e:
+                self._socket.close()
+                raise UserError(f"{firmware.program} cannot be run: {e.strerror}.") from None
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.wait()
+        self._socket.close()
+
+    @property
+    def number(self) -> int:
+        """The process' number."""
+        return self._process.pid
+
+    def connect(self) -> socket.socket:
+        """Returns a connection to the firmware's command line and MSP.
+
+        Raises:
+            OSError: if there is none.
+        """
+        try:
+            return socket.create_connection(("127.0.0.1", self.port or 0))
+        except OSError:  # where the computer prefers the other loopback
+            return socket.create_connection(("::1", self.port or 0))
+
+    def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
+        """Lets the firmware run for a step; end_step() is to be called before the next one.
+
+        It is told of its IMU, and of nothing else that is true.
+
+        Args:
+            imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
+            channels: of the radio, 1000 to 2000, 16 numbers.
+        """
+        if self.problem is None:
+            np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
+            self._channels[:] = channels
+            with contextlib.suppress(OSError):  # end_step() says what is wrong
+                self._socket.send(self._step)
+            self._answers += 1
+
+    def end_step(self) -> np.ndarray:
+        """Returns what the motors get at the end of the step, 1000 to 2000, (16,); 0 if nothing.
+
+        A firmware that does not answer has a ``problem``, and its motors get nothing.
+        """
+        while self._answers and self.problem is None:
+            message = b""
+            try:
+                message = self._socket.recv(4096)
+            except TimeoutError:
+                self.problem = f"Betaflight has not answered for {_PATIENCE:g} s"
+                break
+            except OSError:  # as at the end
+                pass
+            if not message:
+                self.problem = f"Betaflight {ending(self._process.wait())}"
+            elif len(message) == _PORT.size:
+                (self.port,) = _PORT.unpack(message)
+            else:
+                self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
+                self._answers -= 1
+        return self._motors if self.problem is None else np.zeros(CHANNELS)
+
+    def step(self, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
+        """Lets the firmware run for a step, at rest unless an IMU says otherwise.
+
+        Returns: see end_step().
+        """
+        self.end_step()
+        self.begin_step(imu, channels)
+        return self.end_step()
+
+    def hold(self, duration: float, channels: Sequence[int], imu: np.ndarray = REST) -> np.ndarray:
+        """Lets the firmware run for a time (s) in which nothing changes, as step() would.
+
+        It is told of many steps at once, so that it need not wait for this process at each.
+
+        Returns: see end_step().
+        """
+        self.end_step()
+        steps = round(duration / PERIOD)
+        for begin in range(0, steps, _AT_ONCE):
+            for _ in range(min(_AT_ONCE, steps - begin)):
+                self.begin_step(imu, channels)
+            self.end_step()
+        return self._motors if self.problem is None else np.zeros(CHANNELS)
+
+
+def steps_a_second(firmware: Firmware) -> float:
+    """Returns how many steps a firmware makes in a second, if nothing else is to be done.
+
+    Raises:
+        UserError: if it does not run.
+    """
+    with temporary_folder() as folder:
+        with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
+            for _ in range(_WARM_UP):
+                process.step(NO_RADIO)
+            begin = time.perf_counter()
+            for _ in range(_TIMED):
+                process.step(NO_RADIO)
+            spent = time.perf_counter() - begin
+            if process.problem is not None:
+                raise UserError(f"{process.problem}: `airrace betaflight build` makes it anew.")
+    return _TIMED / spent

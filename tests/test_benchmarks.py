@@ -443,3 +443,33 @@ def test_first_flight_sees_when_each_stage_is_over(monkeypatch):
     assert first_flight.show(rows)[1] is False
     rows[0]["take_off_s"] = first_flight.MOST
     assert first_flight.show(rows)[1] is True
+
+
+def test_the_optimum_says_what_is_missing(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    assert call("oracle", "--only", "reference") == 2
+    assert "pip install 'airrace[benchmarks]'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_plans_are_put_beside_the_optimum(run):
+    """Where CasADi is installed."""
+    pytest.importorskip("casadi")
+    options = ("--only", "hexagon", "--plan-only", "--intervals", 5)
+    table, figures, _ = run("oracle", *options)
+    (row,) = figures["laps"]
+    assert row["converged"] and row["optimum_s"] < row["planned_s"] < 1.03 * row["optimum_s"]
+    assert abs(row["coarse_s"] / row["optimum_s"] - 1.0) < 0.01
+    assert rows_of(table, "hexagon")[0][0] == f"{row['planned_s']:.3f}"
+
+
+def test_a_flight_of_twice_as_many_intervals_is_the_same():
+    optimum = importlib.import_module("benchmarks.quadrotor_optimum")
+    states = np.arange(13.0)[:, None] + np.arange(7.0)
+    thrusts = np.array([np.tile(np.arange(6.0), (4, 1)), np.tile(np.arange(6.0) + 0.5, (4, 1))])
+    flight = optimum.Flight(np.array([1.0, 2.0]), states, thrusts)
+    finer = flight.refined(2)
+    np.testing.assert_allclose(finer.states[:, ::2], states)
+    np.testing.assert_allclose(finer.thrusts[0, :, ::2], thrusts[0])
+    np.testing.assert_allclose(finer.thrusts[1, :, 1::2], thrusts[1])
+    np.testing.assert_allclose(finer.thrusts[1, :, ::2], finer.thrusts[0, :, 1::2])

@@ -13,7 +13,6 @@ from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.reference import as_reference
 
-MIN_HEIGHT = 1.0  # m
 # s, of a lap or of a transition: what takes longer is where a search lost its way.
 MAX_DURATION = 600.0
 MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
@@ -37,7 +36,7 @@ def is_feasible(trajectory: FlatTrajectory, constraints: FlightConstraints) -> b
     return bool(
         speed <= limits.max_speed
         and acceleration <= limits.max_acceleration
-        and samples[2].min() >= MIN_HEIGHT
+        and samples[2].min() >= constraints.min_height
         and np.all(pylon_distances(samples, constraints.pylons) >= constraints.clearance)
         and check_flight(samples, (), limits).excess <= 0.0
     )

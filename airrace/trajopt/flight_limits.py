@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import functools
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.air import STILL, Air
 
 _SCALED = "thrust_share", "max_speed", "max_acceleration", "max_rate"
+MIN_HEIGHT = 1.0  # m
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -23,15 +25,28 @@ class FlightLimits:
     max_speed: float = np.inf  #: m/s
     max_acceleration: float = np.inf  #: without gravity (m/s^2)
     max_rate: float = 20.0  #: of the body's angular velocity (rad/s)
+    max_axis_rates: tuple = (np.inf,) * 3  #: likewise, about each of the body's axes (rad/s)
     #: Vertical component of the thrust over mass (m/s^2); the drone never points down, and a
-    #: heading always has a meaning.
+    #: heading always has a meaning. -inf for a drone that may fly upside down.
     min_lift: float = 0.5 * GRAVITY
     air: Air = STILL  #: that the vehicle flies through
 
     def scaled(self, share: float) -> "FlightLimits":
         """Returns limits of which a share is left, from below as well for rotors."""
         scaled = {name: share * getattr(self, name) for name in _SCALED}
-        return dc.replace(self, idle_share=self.idle_share + (1.0 - share), **scaled)
+        rates = tuple(share * rate for rate in self.max_axis_rates)
+        idle_share = self.idle_share + (1.0 - share)
+        return dc.replace(self, idle_share=idle_share, max_axis_rates=rates, **scaled)
+
+    def tightened(self, excesses: Mapping[str, float]) -> "FlightLimits":
+        """Returns limits that are less by what a flight exceeds each, see LapSamples.excesses()."""
+        factor = {name: 1.0 - max(excess, 0.0) for name, excess in excesses.items()}
+        return dc.replace(
+            self,
+            idle_share=self.idle_share + (1.0 - factor["idle_share"]) * self.thrust_share,
+            max_axis_rates=tuple(factor["max_axis_rates"] * rate for rate in self.max_axis_rates),
+            **{name: factor[name] * getattr(self, name) for name in _SCALED},
+        )
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
@@ -40,6 +55,10 @@ class FlightLimits:
                 raise TrajectoryOptimizationError(
                     f"{name} must be positive, not {getattr(self, name)}."
                 )
+        if len(self.max_axis_rates) != 3 or not all(rate > 0.0 for rate in self.max_axis_rates):
+            raise TrajectoryOptimizationError(
+                f"max_axis_rates must be three positive numbers, not {self.max_axis_rates}."
+            )
         hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY
         if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
             raise TrajectoryOptimizationError(
@@ -76,8 +95,9 @@ class FlightConstraints:
     clearance: float | np.ndarray  #: from those, a number or (m,) m
     limits: FlightLimits  #: of the vehicle, and those added
     #: Angle off the heading within which a time-optimal flight keeps the midpoint of the next gate
-    #: until it is near (rad), pi at most.
+    #: until it is near (rad); pi, the most, if it need not be seen.
     half_view: float = np.deg2rad(40.0)
+    min_height: float = MIN_HEIGHT  #: (m)
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""

@@ -1,29 +1,127 @@
-"""Where a lap may cross its gates: windows or balls."""
+"""Where a flight may cross its gates: windows, tilted polygons, or balls."""
 
 import dataclasses as dc
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 
+from airrace.common.immutable import Immutable
+from airrace.trajopt.cone_solver import solve_cones
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.feasibility import MAX_CROSSING_ANGLE
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
+_UP = [0.0, 0.0, 1.0]
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Region(Immutable):
+    """Where a gate may be crossed: a ball, cut by half spaces and planes.
+
+    These are the points of low <= A (p - midpoint) <= high within the radius.
+    """
+
+    midpoint: np.ndarray  #: (3,) m, in the world
+    radius: float = np.inf  #: m
+    A: np.ndarray = dc.field(default_factory=lambda: np.zeros((0, 3)))  #: (k, 3)
+    #: low, high: (k,) m
+    low: np.ndarray = dc.field(default_factory=lambda: np.zeros(0))
+    high: np.ndarray = dc.field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def window(
+        cls, midpoint: ArrayLike, heading: float, half_width: float, half_height: float
+    ) -> "Region":
+        """Returns an upright rectangle across a heading of flight (rad); its halves in m."""
+        c, s, room = np.cos(heading), np.sin(heading), np.array([0.0, half_width, half_height])
+        return cls(
+            np.array(midpoint), A=np.array([[c, s, 0.0], [s, -c, 0.0], _UP]), low=-room, high=room
+        )
+
+    @classmethod
+    def polygon(cls, corners: ArrayLike) -> "Region":
+        """Returns a flat convex polygon, however tilted, from its corners in order, (n, 3) m.
+
+        Raises:
+            TrajectoryOptimizationError: if they do not make one.
+        """
+        corners = np.array(corners, float)
+        if corners.ndim != 2 or corners.shape[1:] != (3,) or len(corners) < 3:
+            raise TrajectoryOptimizationError("A polygon needs three corners or more.")
+        midpoint = corners.mean(axis=0)
+        sides = np.roll(corners, -1, axis=0) - corners
+        normal = np.sum(np.cross(corners - midpoint, sides), axis=0)
+        normal = normal / max(np.linalg.norm(normal), 1e-12)
+        outward = np.cross(sides, normal)
+        outward = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+        high = np.sum(outward * (corners - midpoint), axis=1)
+        beyond = (corners - midpoint) @ np.column_stack([outward.T, normal, -normal])
+        if not (beyond <= np.append(high, [0.0, 0.0]) + 1e-3).all() or not (high > 0.0).all():
+            raise TrajectoryOptimizationError("The corners of a gate make no flat convex polygon.")
+        low = np.append(np.full(len(high), -np.inf), 0.0)
+        return cls(midpoint, A=np.vstack([outward, normal]), low=low, high=np.append(high, 0.0))
+
+    @classmethod
+    def ball(cls, midpoint: ArrayLike, radius: float) -> "Region":
+        """Returns a ball with a radius (m); 0 is its midpoint alone.
+
+        Raises:
+            TrajectoryOptimizationError: if the radius is negative.
+        """
+        if not radius >= 0.0:
+            raise TrajectoryOptimizationError(f"The radius of a ball is negative: {radius}.")
+        if radius > 0.0:
+            return cls(np.array(midpoint), float(radius))
+        return cls(np.array(midpoint), A=np.eye(3), low=np.zeros(3), high=np.zeros(3))
+
+    def constrain(self, program: MathematicalProgram, step: np.ndarray, point: np.ndarray) -> None:
+        """Adds to a MathematicalProgram that point + step lies in the region.
+
+        Args: step: three variables. point: (3,) m.
+        """
+        offset = np.asarray(point) - self.midpoint
+        if len(self.A):
+            at = self.A @ offset
+            program.AddLinearConstraint(self.A, self.low - at, self.high - at, step)
+        if np.isfinite(self.radius):
+            program.AddLorentzConeConstraint(
+                np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step
+            )
+
+    def nearest(self, point: np.ndarray) -> np.ndarray:
+        """Returns the point of the region that is nearest to a point, (3,) m."""
+        offset = np.asarray(point) - self.midpoint
+        if not len(self.A):
+            distance = np.linalg.norm(offset)
+            return self.midpoint + offset * np.minimum(1.0, self.radius / max(distance, 1e-12))
+        if len(self.A) == 3 and np.allclose(self.A @ self.A.T, np.eye(3)):
+            along = np.clip(np.sum(self.A * offset, axis=1), self.low, self.high)
+            return self.midpoint + self.A.T @ along
+        program = MathematicalProgram()
+        step = program.NewContinuousVariables(3)
+        self.constrain(program, step, point)
+        program.AddQuadraticCost(np.eye(3), np.zeros(3), step, is_convex=True)
+        result = solve_cones(program, tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
+        return np.asarray(point) + result.GetSolution(step)
 
 
 @dc.dataclass(frozen=True, eq=False)
 class GateRegions:
     """The gates of a lap, in racing order, and where each is crossed.
 
-    Build it with windows() or balls().
+    Build it with windows() or balls(), or with of_regions() for gates of any kind. Start and goal
+    of an open course are its first and its last gate. A gate may come twice, and from behind with
+    the opposite heading.
     """
 
-    midpoints: np.ndarray  #: (n, 3) m, in the world
-    headings: np.ndarray  #: (n,) rad, unwrapped
-    #: Of windows, to either side and up and down, (n, 2) m; None for balls.
-    half_sizes: np.ndarray | None
-    radius: float  #: of balls (m)
+    regions: tuple  #: a Region each
+    headings: np.ndarray  #: of flight, (n,) rad, unwrapped
+    #: How far off its heading a gate may be crossed (rad); pi if its heading does not matter.
+    most_off: float = MAX_CROSSING_ANGLE
+    is_closed: bool = True  #: whether the last gate is followed by the first
 
     @classmethod
     def windows(
@@ -32,12 +130,14 @@ class GateRegions:
         headings: ArrayLike,
         half_width: ArrayLike,
         half_height: ArrayLike,
+        between: ArrayLike | None = None,
     ) -> "GateRegions":
         """Returns gates to be crossed anywhere in an upright rectangle, or raises.
 
         Args:
             midpoints: (n, 3) m. headings: of flight, (n,) rad.
             half_width, half_height: of the rectangle, a number or (n,) m.
+            between: see of_regions().
         """
         n = len(midpoints)
         sizes = np.column_stack([np.full(n, half_width, float), np.full(n, half_height, float)])
@@ -46,14 +146,93 @@ class GateRegions:
                 f"Gate {i + 1} leaves no room between its pylons; the vehicle is too large "
                 "or its clearance is."
             )
-        return cls(*_checked(midpoints, headings), sizes, 0.0)
+        headings = _unwrapped(headings)
+        windows = [Region.window(p, h, *size) for p, h, size in zip(midpoints, headings, sizes)]
+        return cls.of_regions(windows, headings, between)
 
     @classmethod
-    def balls(cls, midpoints: ArrayLike, headings: ArrayLike, radius: float) -> "GateRegions":
-        """Returns gates to be passed within a radius (m) of the midpoint; 0 is through it."""
-        if not radius >= 0.0:
-            raise TrajectoryOptimizationError(f"The radius of a ball is negative: {radius}.")
-        return cls(*_checked(midpoints, headings), None, float(radius))
+    def balls(
+        cls,
+        midpoints: ArrayLike,
+        headings: ArrayLike | None,
+        radius: ArrayLike,
+        between: ArrayLike | None = None,
+    ) -> "GateRegions":
+        """Returns gates to be passed within a radius of the midpoint, or raises.
+
+        Args:
+            midpoints: (n, 3) m.
+            headings: see of_regions().
+            radius: a number or (n,) m; 0 is through the midpoint.
+            between: see of_regions().
+        """
+        midpoints = np.asarray(midpoints, float)
+        radii = np.full(len(midpoints), radius, float)
+        balls = [Region.ball(p, r) for p, r in zip(midpoints, radii)]
+        return cls.of_regions(balls, headings, between)
+
+    @classmethod
+    def of_regions(
+        cls,
+        regions: Sequence[Region],
+        headings: ArrayLike | None = None,
+        between: ArrayLike | None = None,
+    ) -> "GateRegions":
+        """Returns gates of any kind, or raises.
+
+        Args:
+            regions: n of them.
+            headings: of flight, (n,) rad; None if they may be passed in any direction.
+            between: start and goal of an open course, (2, 3) m; None for a lap.
+
+        Raises:
+            TrajectoryOptimizationError: if there are too few, or two that follow each other
+                coincide.
+        """
+        most_off = np.pi if headings is None else MAX_CROSSING_ANGLE
+        headings = _unwrapped(np.zeros(len(regions)) if headings is None else headings)
+        if between is not None:
+            start, goal = (Region.ball(end, 0.0) for end in np.array(between, float))
+            regions = start, *regions, goal
+            headings = np.pad(headings, 1, mode="edge") if len(headings) else np.zeros(2)
+        gates = cls(tuple(regions), headings, most_off, between is None)
+        gates._check()
+        return gates
+
+    def _check(self) -> None:
+        places = self.midpoints
+        if len(places) < 2 or not (np.isfinite(places).all() and np.isfinite(self.headings).all()):
+            raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
+        names = [f"gate {i + 1}" for i in range(len(places))]
+        if not self.is_closed:
+            names = ["the start", *names[:-2], "the goal"]
+        legs = np.linalg.norm(places[self.after] - places[: len(self.after)], axis=1)
+        if legs.min() < _LEAST_DISTANCE:
+            i = int(legs.argmin())
+            pair = f"{names[i]} and {names[self.after[i]]}"
+            raise TrajectoryOptimizationError(f"{pair[0].upper()}{pair[1:]} coincide.")
+
+    def first(self, count: int, start: np.ndarray, heading: float) -> "GateRegions":
+        """Returns a start, (3,) m, with a heading (rad), and the first gates after it, open."""
+        regions = Region.ball(start, 0.0), *self.regions[:count]
+        headings = np.append(heading, self.headings[:count])
+        return GateRegions(regions, headings, self.most_off, is_closed=False)
+
+    @functools.cached_property
+    def midpoints(self) -> np.ndarray:
+        """In the world, (n, 3) m."""
+        return np.array([region.midpoint for region in self.regions], float).reshape(-1, 3)
+
+    @property
+    def after(self) -> np.ndarray:
+        """Index of the gate at the end of every leg, (legs,)."""
+        n = len(self.regions)
+        return np.arange(1, n + self.is_closed) % n
+
+    @property
+    def ends(self) -> tuple:
+        """Indices of start and goal; none of a lap."""
+        return () if self.is_closed else (0, len(self.regions) - 1)
 
     @property
     def forward(self) -> np.ndarray:
@@ -75,45 +254,16 @@ class GateRegions:
     def constrain(
         self, program: MathematicalProgram, i: int, step: np.ndarray, point: np.ndarray
     ) -> None:
-        """Adds to a MathematicalProgram that point + step lies in the region of gate i.
-
-        Args: i: from 0. step: three variables. point: (3,) m.
-        """
-        offset = np.asarray(point) - self.midpoints[i]
-        if self.half_sizes is not None:
-            axes = np.array([self.forward[i], self.rightward[i], [0.0, 0.0, 1.0]])
-            room = np.array([0.0, *self.half_sizes[i]])
-            program.AddLinearConstraint(axes, -room - axes @ offset, room - axes @ offset, step)
-        elif self.radius > 0.0:
-            program.AddLorentzConeConstraint(
-                np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step
-            )
-        else:
-            program.AddLinearEqualityConstraint(np.eye(3), -offset, step)
+        """Adds that point + step lies in the region of gate i, from 0; see Region.constrain()."""
+        self.regions[i].constrain(program, step, point)
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
         """Returns the points of the regions that are nearest to some points, (n, 3) m."""
-        offset = np.asarray(points) - self.midpoints
-        if self.half_sizes is not None:
-            side = np.sum(offset * self.rightward, axis=1)
-            side = np.clip(side, -self.half_sizes[:, 0], self.half_sizes[:, 0])
-            up = np.clip(offset[:, 2], -self.half_sizes[:, 1], self.half_sizes[:, 1])
-            offset = side[:, None] * self.rightward + up[:, None] * [0.0, 0.0, 1.0]
-        else:
-            distance = np.linalg.norm(offset, axis=1, keepdims=True)
-            offset = offset * np.minimum(1.0, self.radius / np.maximum(distance, 1e-12))
-        return self.midpoints + offset
+        return np.array([each.nearest(point) for each, point in zip(self.regions, points)])
 
 
-def _checked(midpoints: ArrayLike, headings: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    midpoints, headings = np.array(midpoints, float), np.array(headings, float)
-    if len(midpoints) < 2 or not (np.isfinite(midpoints).all() and np.isfinite(headings).all()):
-        raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
-    legs = np.linalg.norm(midpoints - np.roll(midpoints, 1, axis=0), axis=1)
-    if legs.min() < _LEAST_DISTANCE:
-        i = int(legs.argmin())
-        raise TrajectoryOptimizationError(f"Gates {(i - 1) % len(legs) + 1} and {i + 1} coincide.")
-    return midpoints, np.unwrap(headings)
+def _unwrapped(headings: ArrayLike) -> np.ndarray:
+    return np.unwrap(np.array(headings, float))
 
 
 def turn_per_lap(headings: np.ndarray) -> float:

@@ -10,6 +10,7 @@ from airrace.track import load_track
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
+from airrace.trajopt.time_optimal.lap_samples import Grid
 from airrace.trajopt.time_optimal.lap_search import LapSearch
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.vehicle import load_vehicle
@@ -54,7 +55,7 @@ def test_a_step_to_the_quickest_lap():
     limits = FlightLimits(vehicle, max_speed=20.0, max_acceleration=10.0)
     constraints = FlightConstraints(TRACK.pylons()[:, :2], clearance=0.5, limits=limits)
     circuit = plan_optimal_circuit(gates, constraints)
-    search = LapSearch(gates, gates.turn, constraints, 18, circuit.spline.pieces)
+    search = LapSearch(gates, gates.turn, constraints, Grid(circuit.spline.pieces, 18))
     now = search.settled(circuit.spline)
     crossing = now.lap.gates[2, 0, :3]
     assert np.linalg.norm(crossing - midpoints[2]) > 0.5  # it cuts the corner

@@ -198,6 +198,15 @@ def test_a_controller_of_ones_own(run, folder):
 
 
 @pytest.mark.slow
+def test_an_open_course(run, folder):
+    text = run("plan_a_course", folder)
+    ((seconds, speed),) = numbers(rf"{NUMBER} s, at most {NUMBER} m/s", text)
+    (tilt,) = numbers(r"tilt (\d+) degrees", text)
+    ((share, bound),) = numbers(rf"at most {NUMBER}% .* takes {NUMBER} s", text)
+    assert bound < seconds < 1.2 * bound and speed > 5.0 and tilt > 90 and 95.0 < share < 100.1
+
+
+@pytest.mark.slow
 def test_a_detector_of_ones_own(run, folder, whole):
     text = run("own_detector", folder)
     if not whole:

@@ -11,7 +11,6 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import (
     MAX_CROSSING_ANGLE,
     MAX_DURATION,
-    MIN_HEIGHT,
     clearance_of,
     is_feasible,
     passes_forward,
@@ -20,7 +19,7 @@ from airrace.trajopt.feasibility import (
     sample_times,
 )
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
+from airrace.trajopt.flight_limits import MIN_HEIGHT, FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.vehicle import load_vehicle
 

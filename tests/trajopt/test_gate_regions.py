@@ -7,13 +7,21 @@ from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.gate_regions import GateRegions, Region
 
 MIDPOINTS, HEADINGS = np.array([[0.0, 0, 6], [20, 10, 6], [0, 30, 7]]), [0.3, 1.5, 4.0]
+# A pentagon, tilted and turned.
+ANGLES = np.arange(5) * 2 * np.pi / 5
+TILTED = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES]) @ np.array(
+    [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]
+)
 REGIONS = {
     "windows": GateRegions.windows(MIDPOINTS, HEADINGS, [1.0, 2.0, 3.0], 2.5),
     "balls": GateRegions.balls(MIDPOINTS, HEADINGS, 1.5),
     "points": GateRegions.balls(MIDPOINTS, HEADINGS, 0.0),
+    "polygons": GateRegions.of_regions(
+        [Region.polygon(p + TILTED) for p in MIDPOINTS], between=(MIDPOINTS[0] + 9.0, [50, 0, 0])
+    ),
 }
 
 
@@ -21,9 +29,9 @@ REGIONS = {
 @given(st.sampled_from(sorted(REGIONS)), st.lists(st.floats(-9, 9), min_size=3, max_size=3))
 def test_the_constraint_and_the_nearest_point_agree(kind, offset):
     gates = REGIONS[kind]
-    points = MIDPOINTS + np.array(offset)
+    points = gates.midpoints + np.array(offset)
     nearest = gates.nearest(points)
-    np.testing.assert_allclose(gates.nearest(nearest), nearest, atol=1e-9)
+    np.testing.assert_allclose(gates.nearest(nearest), nearest, atol=1e-5)
     for i, point in enumerate(points):
         program = MathematicalProgram()
         step = program.NewContinuousVariables(3)
@@ -57,6 +65,28 @@ def test_windows_are_across_the_heading():
 def test_impossible_gates_are_refused(midpoints, headings, width):
     with pytest.raises(TrajectoryOptimizationError):
         GateRegions.windows(midpoints, headings, width, 2.5)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        TILTED[:2],
+        TILTED[[0, 2, 4, 1, 3]],
+        TILTED + [[0, 0, 0.1], *4 * [[0, 0, 0]]],
+        TILTED[[0, 1, 1, 2]],
+        np.outer(np.arange(4), [1, 2, 3]),
+    ],
+    ids=["two", "a star", "not flat", "one twice", "in a line"],
+)
+def test_what_is_no_flat_convex_polygon_is_refused(corners):
+    with pytest.raises(TrajectoryOptimizationError, match="polygon"):
+        Region.polygon(corners)
+
+
+def test_start_and_goal_are_points_around_the_gates():
+    gates = REGIONS["polygons"]
+    assert not gates.is_closed and gates.ends == (0, 4) and gates.after.tolist() == [1, 2, 3, 4]
+    np.testing.assert_array_equal(gates.nearest(gates.midpoints + 1.0)[-1], [50, 0, 0])
 
 
 def test_a_negative_radius_is_refused():

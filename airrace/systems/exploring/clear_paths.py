@@ -7,8 +7,9 @@ import numpy as np
 from airrace.systems.exploring.exploration import gate_pose, known_gates, known_pylons
 from airrace.track import PYLON_HEIGHT
 from airrace.track.gate_map import GateEstimate, GateMap
-from airrace.trajopt.feasibility import MIN_HEIGHT, pylon_distances
+from airrace.trajopt.feasibility import pylon_distances
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import MIN_HEIGHT
 
 ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
 _RATE = 50.0  # Hz

@@ -81,6 +81,7 @@ class Laps(abc.ABC):
     Attributes:
         solver: its name.
         constraints: FlightConstraints of the laps.
+        gates: GateRegions, where the laps cross the gates.
     """
 
     solver: str
@@ -91,7 +92,7 @@ class Laps(abc.ABC):
         problem.limits.check()
         clearance = clearance_of(problem.limits.vehicle.radius, problem.margins)
         self.constraints = FlightConstraints(problem.pylons, clearance, problem.limits)
-        self._gates = self._gate_regions()
+        self.gates = self._gate_regions()
 
     @abc.abstractmethod
     def _gate_regions(self) -> GateRegions:
@@ -123,7 +124,7 @@ class Laps(abc.ABC):
     @functools.cached_property
     def point_mass_lap(self) -> PointMassBound:
         """The quickest lap of a point mass."""
-        return point_mass_bound(self._gates, self.constraints)
+        return point_mass_bound(self.gates, self.constraints)
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates, and clear of pylons, as they are known now.
@@ -131,9 +132,9 @@ class Laps(abc.ABC):
         And whether the rotors, as strong as they are thought to be, have what it asks.
         """
         crossed = np.array([circuit.derivatives(t)[0, :3] for t in circuit.gate_times[:-1]])
-        if crossed.shape != self._gates.midpoints.shape:
+        if crossed.shape != self.gates.midpoints.shape:
             return False
-        missed = np.linalg.norm(self._gates.nearest(crossed) - crossed, axis=1)
+        missed = np.linalg.norm(self.gates.nearest(crossed) - crossed, axis=1)
         samples = circuit.sample(sample_times(circuit, 1000.0))
         distances = pylon_distances(samples, self.constraints.pylons)
         limits = self.constraints.limits

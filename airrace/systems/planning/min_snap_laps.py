@@ -59,7 +59,7 @@ class MinSnapLaps(Laps):
         level = np.sqrt(limits.max_specific_force**2 - GRAVITY**2)
         return plan_circuit(
             [g.p_WG for g in self._problem.gates],
-            self._gates.headings,
+            self.gates.headings,
             self._dimensions,
             self._limited(min(limits.max_speed, _MAX_SPEED), min(limits.max_acceleration, level)),
             previous=previous,

@@ -42,7 +42,7 @@ class TimeOptimalLaps(Laps):
 
     def lap(self, previous: Circuit | None) -> Circuit:
         return plan_optimal_circuit(
-            self._gates,
+            self.gates,
             dc.replace(self.constraints, limits=self.constraints.limits.scaled(_SHARE)),
             previous=previous,  # type: ignore[arg-type]
             bound=self.point_mass_lap,
@@ -67,7 +67,7 @@ class TimeOptimalLaps(Laps):
             durations = [first, *np.diff(circuit.gate_times)[: k - 1]]
             with contextlib.suppress(TrajectoryOptimizationError):
                 transition, phase = plan_optimal_transition(
-                    start, durations, self._gates, circuit, constraints, old=guess
+                    start, durations, self.gates, circuit, constraints, old=guess
                 )
                 found.append((transition.duration - phase - first, transition, phase))
                 # A search may end with a loop before a gate: nothing near it is quicker.

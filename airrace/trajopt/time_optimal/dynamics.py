@@ -81,6 +81,7 @@ class LinearDynamics(NamedTuple):
     #: a row each.
     rest: Linear
     rate: Linear  #: T times the amount of the angular velocity, 1 row
+    rates: Linear  #: T times the angular velocity in B, 3 rows
 
     @classmethod
     def linearize(cls, samples: "LapSamples") -> "LinearDynamics":
@@ -94,7 +95,7 @@ class LinearDynamics(NamedTuple):
             thrusts, force, w, _ = angle_dynamics(flat, units, axes, limits)
             share = limits.from_wrench[:, :1] * limits.vehicle.mass
             rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
-            return force, rest, np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
+            return force, rest, np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None], w
 
         return cls(*complex_step_gradients(quantities, samples.flat, samples.units, inputs))
 

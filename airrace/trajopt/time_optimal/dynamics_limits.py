@@ -23,11 +23,19 @@ def limit_dynamics(step: LapStep, band: float) -> None:
         by_T = lift_by_T[which] - 2.0 * T * limits.min_lift
         rows = step.rows(leg, which, d_lift[which], by_T)
         step.at_most(leg, -rows, lift[which] - least, limit=GRAVITY * T**2)
-        rate, d_rate, rate_by_T = (each[0] for each in dynamics.rate.of(here))
-        most = limits.max_rate * T
-        which = np.flatnonzero(rate > (1.0 - band) * most)
-        rows = step.rows(leg, which, d_rate[which], rate_by_T[which] - limits.max_rate)
-        step.at_most(leg, rows, most - rate[which], limit=most)
+        _rates(step, leg, dynamics.rate, np.array([limits.max_rate]), band)
+        for sign in (1.0, -1.0):
+            _rates(step, leg, dynamics.rates, np.array(limits.max_axis_rates), band, sign)
+
+
+def _rates(step, leg, rates, limits, band, sign=1.0):
+    """Adds sign * rate <= T limit, of quantities with limits, (rows,)."""
+    T = step.lap.durations[leg]
+    values, gradients, by_T = (sign * each for each in rates.of(step.of(leg)))
+    most = T * limits
+    row, which = np.nonzero(values > ((1.0 - band) * most)[:, None])
+    rows = step.rows(leg, which, gradients[row, which], by_T[row, which] - limits[row])
+    step.at_most(leg, rows, most[row] - values[row, which], limit=most[row])
 
 
 def _cones(step, leg, order, limit, near):

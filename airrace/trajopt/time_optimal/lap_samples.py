@@ -25,11 +25,14 @@ class Grid:
 
     pieces: int  #: of the splines
     samples: int  #: evenly spaced, of each leg; the first is at its gate
+    #: Whether the last one is at the next gate, which is a sample of the next leg, too, if there is
+    #: a next leg.
+    to_end: bool = False
 
     @functools.cached_property
     def fractions(self) -> np.ndarray:
         """Of a leg, (samples,)."""
-        return np.arange(self.samples) / self.samples
+        return np.arange(self.samples) / (self.samples - self.to_end)
 
     @functools.cached_property
     def matrices(self) -> np.ndarray:
@@ -58,13 +61,17 @@ class LapSamples:
         """Samples a lap.
 
         Args: turn: of yaw in a lap (rad); of an open one, by how much more the body is turned
-            against the least rotation to its attitude at the end than at the start.
+            against the least rotation to its attitude at the end than at the start, if that is
+            given.
         """
         between = lap.evaluate(grid.matrices_between)
         y = lap.evaluate(grid.matrices)
-        *axes, total = transported_axes(y, between, lap.durations, grid.fractions, limits.air)
-        lap = lap.with_turn(turn + total)
-        y = lap.evaluate(grid.matrices)
+        *axes, total = transported_axes(
+            y, between, lap.durations, grid.fractions, lap.chart, limits.air
+        )
+        if lap.has_turn:
+            lap = lap.with_turn(turn + total)
+            y = lap.evaluate(grid.matrices)
         return cls(lap, limits, y, np.repeat(lap.durations, grid.samples), tuple(axes))
 
     @property
@@ -74,20 +81,28 @@ class LapSamples:
 
     def excess(self) -> float:
         """Returns the largest of all quantities over their limits, less one."""
+        return max(self.excesses().values())
+
+    def excesses(self) -> dict[str, float]:
+        """Returns each quantity over its limit, less one, by the name of the limit."""
         limits, flat, units = self.limits, self.flat, self.units
         thrusts, force, w, _ = angle_dynamics(flat, units, self.axes, limits)
         _, velocity, acceleration, *_ = as_reference(flat)
         shares = thrusts / units**2 / limits.max_thrusts[:, None]
         lift = np.min(force[2] / units**2)
-        excesses = (
-            np.max(np.linalg.norm(velocity, axis=0) / units) / limits.max_speed,
-            np.max(np.linalg.norm(acceleration, axis=0) / units**2) / limits.max_acceleration,
-            np.max(np.linalg.norm(w, axis=0) / units) / limits.max_rate,
-            shares.max(),
-            1.0 + limits.idle_share / limits.thrust_share - shares.min(),
-            1.0 + (_LIFT_SHARE * limits.min_lift - lift) / GRAVITY,
-        )
-        return float(max(excesses)) - 1.0
+        speed, rate = (np.max(np.linalg.norm(v, axis=0) / units) for v in (velocity, w))
+        most = np.reshape(limits.max_axis_rates, (3, 1))
+        found = {
+            "max_speed": speed / limits.max_speed,
+            "max_acceleration": np.max(np.linalg.norm(acceleration, axis=0) / units**2)
+            / limits.max_acceleration,
+            "max_rate": rate / limits.max_rate,
+            "max_axis_rates": np.max(np.abs(w) / units / most),
+            "thrust_share": shares.max(),
+            "idle_share": 1.0 + limits.idle_share / limits.thrust_share - shares.min(),
+            "min_lift": 1.0 + (_LIFT_SHARE * limits.min_lift - lift) / GRAVITY,
+        }
+        return {name: float(share) - 1.0 for name, share in found.items()}
 
 
 def slowed(

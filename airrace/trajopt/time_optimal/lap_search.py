@@ -76,25 +76,20 @@ class LapSearch:
         gates: to pass; of an open lap, with both ends.
         turn: see LapSamples.of().
         constraints: to keep.
-        view: half of the camera's view, less a margin (rad).
+        view: half of the camera's view, less a margin (rad); pi if nothing needs to be seen.
         grid: where legs are sampled.
     """
 
-    def __init__(
-        self,
-        gates: GateRegions,
-        turn: float,
-        constraints: FlightConstraints,
-        samples: int,
-        pieces: int = PIECES,
-    ):
-        """Args: samples, pieces: of each leg. The others: see above."""
+    def __init__(self, gates: GateRegions, turn: float, constraints: FlightConstraints, grid: Grid):
+        """Args: see above."""
         self.gates, self.turn, self.constraints = gates, turn, constraints
-        self.view = max(constraints.half_view - _VIEW_MARGIN, constraints.half_view / 2)
-        self.grid = Grid(pieces, samples)
+        half_view = constraints.half_view
+        margin = _VIEW_MARGIN if half_view < np.pi else 0.0
+        self.view = max(half_view - margin, half_view / 2)
+        self.grid = grid
 
     def settled(self, lap: LapSpline, samples: int | None = None) -> LapSamples:
-        """Returns a lap slowed to the limits, an open one as it is.
+        """Returns a lap slowed to the limits, an open one as it is if that is better, or in motion.
 
         Args: lap: to slow. samples: of each leg, by default those of the search.
 
@@ -102,8 +97,10 @@ class LapSearch:
             TrajectoryOptimizationError: if it cannot be slowed enough.
         """
         grid = self.grid if samples is None else Grid(lap.pieces, samples)
-        settle = slowed if lap.is_closed else LapSamples.of
-        return settle(lap, grid, self.constraints.limits, self.turn)
+        of = lap, grid, self.constraints.limits, self.turn
+        found = [slowed(*of)] if lap.can_be_slowed else []
+        found += [] if lap.is_closed else [LapSamples.of(*of)]
+        return min(found, key=self.merit) if len(found) > 1 else found[0]
 
     def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:
         """Returns a better lap, and the number of iterations; warm if it starts near the best."""
@@ -172,7 +169,7 @@ class LapSearch:
         """Raises TrajectoryOptimizationError if the lap comes too near to anything."""
         lack = shortfall(samples.lap, self.constraints)
         if lack > _TOO_NEAR:
-            clearance = np.min(self.constraints.clearance)
+            clearance = np.min(self.constraints.clearance, initial=np.inf)
             raise TrajectoryOptimizationError(
                 f"No lap found keeps {clearance:.2f} m clear of all pylons and of "
                 f"the ground; the best lacks {lack:.2f} m."

@@ -9,8 +9,18 @@ from numpy.lib.stride_tricks import sliding_window_view
 from pydrake.math import BsplineBasis
 from pydrake.trajectories import BsplineTrajectory
 
+from airrace.common.immutable import read_only
+
 DEGREE = 5
 ORDERS = 5  # value, velocity, acceleration, jerk and snap, all continuous
+
+# What is given of start and end of an open one, (2, 5, 4): of each order x, y, z and the angle.
+_NONE, _XY, _XYZ, _XYZA = [0, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [1, 1, 1, 1]
+# States in motion, with their thrusts and moments.
+IN_MOTION = read_only([[_XYZA, _XYZA, _XYZA, _XYZ, _XYZ]] * 2, bool)
+# Upright, and at rest: thrusts and moments may jump there. At the end any heading does.
+AT_REST = read_only([[end, _XYZA, _XY, _XY, _NONE] for end in (_XYZA, _XYZ)], bool)
+UNTURNED = read_only(np.eye(3))
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -20,6 +30,12 @@ class LapSpline:
     It is continuous through the snap everywhere, and so is the lap, because both
     splines at a gate have the same five derivatives there. An open one starts and
     ends at two more places, which count as gates.
+
+    Attributes:
+        held: what is given of both ends of an open one, IN_MOTION or AT_REST.
+        chart: the rotation after which the least rotation from the vertical to the thrust's axis
+            says where the thrust-axis angle counts from: no flight may lead through the opposite
+            of the vertical.
     """
 
     #: Value and four derivatives of x, y, z (m) and thrust-axis angle (rad; see
@@ -28,6 +44,8 @@ class LapSpline:
     interior: np.ndarray  #: control points that are left between those, (n, m, 4)
     durations: np.ndarray  #: from each gate to the next, (n,) s
     turn: float  #: what all legs together add to that angle (rad)
+    held: np.ndarray = dc.field(default_factory=lambda: IN_MOTION)
+    chart: np.ndarray = dc.field(default_factory=lambda: UNTURNED)
 
     @classmethod
     def through(
@@ -40,39 +58,45 @@ class LapSpline:
     ) -> "LapSpline":
         """Returns the lap that has positions at gates and nearly velocities in between.
 
+        With one position more than there are legs, it is open, and at rest at both ends.
+
         It minimises the mean squared error of the velocity and a share of the
         squared snap. The angle is zero.
 
         Args:
-            positions: at gates, (n, 3) m.
+            positions: at gates, (gates, 3) m.
             velocities: evenly in time over each leg, both ends included, (n, k, 3).
-            durations: (n,) s.
+            durations: of legs, (n,) s.
             pieces: of each leg's spline, 5 or more.
             smoothness: the share, in sixth powers of the mean duration of a leg.
         """
-        n, m, k = len(positions), pieces - ORDERS, velocities.shape[1]
+        n, m, k = len(durations), pieces - ORDERS, velocities.shape[1]
         matrices, size = basis(pieces, tuple(np.linspace(0.0, 1.0, k))), ORDERS + m
         share = (smoothness * np.mean(durations) ** 6) ** 0.5
-        A, b = np.zeros((n, 2, k, n * size)), np.zeros((n, 2, k, 3))
+        is_closed = len(positions) == n
+        total = n * size + (0 if is_closed else ORDERS)
+        A, b = np.zeros((n, 2, k, total)), np.zeros((n, 2, k, 3))
         b[:, 0] = velocities
         for i, T in enumerate(durations):
-            before, after = i * size, (i + 1) % n * size
+            before, after = i * size, (i + 1) % len(positions) * size
             columns = [*range(before, before + size), *range(after, after + ORDERS)]
             powers = np.array([*T ** np.arange(ORDERS), *np.ones(m), *T ** np.arange(ORDERS)])
             A[i, 0][:, columns] = matrices[1] * powers / T
             A[i, 1][:, columns] = matrices[4] * powers * share / T**4
-        A, b = A.reshape(-1, n * size), b.reshape(-1, 3)
-        fixed = np.arange(n) * size
-        free = np.setdiff1d(np.arange(n * size), fixed)
+        A, b = A.reshape(-1, total), b.reshape(-1, 3)
+        fixed = np.arange(len(positions)) * size
+        free = np.setdiff1d(np.arange(total), fixed)
         b = b - A[:, fixed] @ positions
+        if not is_closed:
+            free = np.setdiff1d(free, [1, 2, 3, fixed[-1] + 1, fixed[-1] + 2, fixed[-1] + 3])
         A = A[:, free]
         scale = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
         A = A / scale
-        x = np.empty((n * size, 3))
+        x = np.zeros((len(positions) * size, 3))
         x[fixed] = positions
         x[free] = np.linalg.solve(A.T @ A, A.T @ b) / scale[:, None]
-        x = np.pad(x, ((0, 0), (0, 1))).reshape(n, size, 4)
-        return cls(x[:, :ORDERS], x[:, ORDERS:], np.array(durations), 0.0)
+        x = np.pad(x, ((0, 0), (0, 1))).reshape(-1, size, 4)
+        return cls(x[:, :ORDERS], x[:n, ORDERS:], np.array(durations), 0.0, AT_REST)
 
     def fitted(
         self, wanted: np.ndarray, fractions: np.ndarray, weights: Sequence[float]
@@ -103,6 +127,16 @@ class LapSpline:
     def is_closed(self) -> bool:
         """Whether the last leg leads to the first gate."""
         return len(self.gates) == len(self.durations)
+
+    @property
+    def can_be_slowed(self) -> bool:
+        """Whether all of it can be flown slower: not if an end is in motion."""
+        return self.is_closed or not np.any(self.gates[[0, -1], 1:][self.held[:, 1:]])
+
+    @property
+    def has_turn(self) -> bool:
+        """Whether it is given how far its body turns."""
+        return self.is_closed or bool(self.held[1, 0, 3])
 
     @property
     def after(self) -> np.ndarray:
@@ -163,10 +197,17 @@ class LapSpline:
             gates = (start + before) / 2.0
         else:
             gates = np.concatenate([start[:1], (start + before)[1:] / 2.0, end[-1:]])
-            for i in (0, -1):
-                gates[i, :, :3], gates[i, 1:3, 3] = self.gates[i, :, :3], self.gates[i, 1:3, 3]
-            gates[0, 0, 3] = self.gates[0, 0, 3]
-        return LapSpline(gates, coefficients[:, ORDERS:-ORDERS], durations, turn)
+            for i, held in zip((0, -1), self.kept):
+                gates[i][held] = self.gates[i][held]
+        interior = coefficients[:, ORDERS:-ORDERS]
+        return dc.replace(self, gates=gates, interior=interior, durations=durations, turn=turn)
+
+    @property
+    def kept(self) -> np.ndarray:
+        """What no step changes of both ends, (2, 5, 4): the last angle follows from the turn."""
+        kept = self.held.copy()
+        kept[1, 0, 3] = False
+        return kept
 
     def dilated(self, factor: float) -> "LapSpline":
         """Returns the same path, flown in `factor` times the time, its ends included."""

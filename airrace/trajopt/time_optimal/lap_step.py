@@ -59,11 +59,13 @@ class LapStep:
             self._units = np.sqrt(T * np.roll(T, 1))
         else:
             last_angle, self.passed = self._gates[-1, 0, 3], range(1, n)
-            start, end = self._gates[0], self._gates[-1]
-            self._fix(start[:, :3], start[:3, 3], end[:, :3], end[1:3, 3])
+            for gate, kept in zip(self._gates[[0, -1]], self.lap.kept):
+                self._fix(gate[:, :3][kept[:, :3]], gate[kept[:, 3], 3])
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
-        variables = [last_angle, self._gates[0, 0, 3], self._turns[-1]]
-        self.program.AddLinearEqualityConstraint(np.array([[1.0, -1.0, -1.0]]), [0.0], variables)
+        if self.lap.has_turn:
+            angles = np.array([last_angle, self._gates[0, 0, 3], self._turns[-1]])
+            row = np.array([[1.0, -1.0, -1.0]])
+            self.program.AddLinearEqualityConstraint(row, [0.0], angles)
         self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
         before, end = ((T / u)[:, None] ** orders for u in (self._units[:n], self._units[after]))
@@ -80,11 +82,13 @@ class LapStep:
         force, d_force, force_by_T = self.dynamics.force
         between = lap.evaluate(grid.matrices_between)
         gradients, by_T, sums = turn_gradients(
-            between, lap.durations, grid.fractions, self.samples.limits.air
+            between, lap.durations, grid.fractions, lap.chart, self.samples.limits.air
         )
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
         amount = np.linalg.norm(force, axis=0)
-        b = force / amount
+        chart = lap.chart
+        b, d_force = chart @ (force / amount), np.tensordot(chart, d_force, 1)
+        force_by_T = chart @ force_by_T
         k = 1.0 / (amount * (1.0 + b[2]))
         # The least rotation that takes the vertical to b turns about b as b moves.
         d_own = (b[1] * k)[:, None, None] * d_force[0] - (b[0] * k)[:, None, None] * d_force[1]

@@ -11,8 +11,8 @@ from airrace.trajopt.feasibility import FlightCheck, check_flight, passes_forwar
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.lap_samples import LapSamples, slowed
-from airrace.trajopt.time_optimal.lap_search import IN_FLIGHT, Effort, LapSearch
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
+from airrace.trajopt.time_optimal.lap_search import IN_FLIGHT, PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCircuit, flat_polynomial
@@ -21,7 +21,7 @@ from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_b
 from airrace.trajopt.time_optimal.visibility import keep_in_view
 
 _FINE = 120  # samples of each leg in the last check
-_PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
+PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
 _POOR = 1.015  # times the bound: a slower lap is improved with finer splines
 _FINER_PIECES, _FINER = 8, Effort(iterations=10, tolerance=2e-4, samples=40)
 _MOST_HELPFUL = 1.5  # times the bound: a slower lap is none to start from
@@ -64,24 +64,24 @@ def plan_optimal_circuit(
     now = None
     if previous is not None and len(previous.headings) == len(gates.headings):
         samples, pieces = (effort or IN_FLIGHT).samples, previous.spline.pieces
-        search = LapSearch(gates, gates.turn, constraints, samples, pieces)
+        search = LapSearch(gates, gates.turn, constraints, Grid(pieces, samples))
         with contextlib.suppress(TrajectoryOptimizationError):
             now = _moved_lap(previous.spline, search)
     if bound is None or now is None:
-        bound = point_mass_bound(gates, constraints, **({} if now else _PRECISION))  # type: ignore[arg-type]
+        bound = point_mass_bound(gates, constraints, **({} if now else PRECISION))  # type: ignore[arg-type]
     if now is not None and now.lap.duration >= _MOST_HELPFUL * bound.duration:
         now = None
     warm = now is not None
     effort = effort or (IN_FLIGHT if warm else Effort())
     if now is None:
-        search = LapSearch(gates, gates.turn, constraints, effort.samples)
-        now = _first_lap(bound, search)
+        search = LapSearch(gates, gates.turn, constraints, Grid(PIECES, effort.samples))
+        now = first_lap(bound, search)
     now, iterations = search.improve(now, warm, effort)
     fine = search.settled(now.lap, _FINE)
     if not warm and fine.lap.duration > _POOR * bound.duration:
         # Stuck where a rotor idles, or for want of control points or of samples.
-        search = LapSearch(gates, gates.turn, constraints, _FINER.samples, _FINER_PIECES)
-        finer = search.settled(_refined_lap(now.lap, _FINER_PIECES))
+        search = LapSearch(gates, gates.turn, constraints, Grid(_FINER_PIECES, _FINER.samples))
+        finer = search.settled(refined_lap(now.lap, _FINER_PIECES))
         now, more = search.improve(finer, True, _FINER)
         iterations += more
         fine = search.settled(now.lap, _FINE)
@@ -91,7 +91,7 @@ def plan_optimal_circuit(
     return OptimalCircuit(polynomial, gates.headings, lap, summary)
 
 
-def _first_lap(bound: PointMassBound, search: LapSearch) -> LapSamples:
+def first_lap(bound: PointMassBound, search: LapSearch) -> LapSamples:
     """Returns a lap that crosses gates where and when a point mass does.
 
     Of several, smoother and nearer to it, this is the one that is the quickest when
@@ -99,12 +99,13 @@ def _first_lap(bound: PointMassBound, search: LapSearch) -> LapSamples:
     TrajectoryOptimizationError if it cannot be flown, however slow.
     """
     gates, grid, limits = search.gates, search.grid, search.constraints.limits
+    # What turns too fast for the limit will have to take another path.
+    nimble = dc.replace(limits, max_rate=1e3, max_axis_rates=(np.inf,) * 3)
     laps = []
     for smoothness in _SMOOTHNESS:
         path = bound.positions, bound.velocities, bound.durations
         lap = LapSpline.through(*path, grid.pieces, smoothness)
-        # What turns too fast for the limit will have to take another path.
-        laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
+        laps.append(slowed(lap, grid, nimble, search.turn, 1e-2))
     samples = min(laps, key=lambda samples: samples.lap.duration)
     step = LapStep(samples, grid)
     step.only_angle()
@@ -123,8 +124,10 @@ def _moved_lap(lap: LapSpline, search: LapSearch) -> LapSamples:
     return search.settled(lap)
 
 
-def _refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
+def refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
     """Returns nearly the same lap with splines of more pieces."""
+    if pieces == lap.pieces:
+        return lap
     fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
     new = dc.replace(lap, interior=np.zeros((len(lap.durations), pieces - ORDERS, 4)))
     wanted = lap.evaluate(basis(lap.pieces, tuple(fractions))[: len(_FIT_WEIGHTS)])

@@ -15,7 +15,7 @@ from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.leg import end_constraints
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
 from airrace.trajopt.reference import as_reference
-from airrace.trajopt.time_optimal.lap_samples import LapSamples
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
@@ -70,7 +70,9 @@ def plan_optimal_transition(
     ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s, limits.air)]) for s in (start, goal)]
     turn = ends[1][0, 3] - ends[0][0, 3]
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
-    search = LapSearch(_gates_of(gates, start, k), turn, constraints, _EFFORT.samples)
+    search = LapSearch(
+        gates.first(k, start[0, :3], start[0, 3]), turn, constraints, Grid(PIECES, _EFFORT.samples)
+    )
     durations, times = np.asarray(durations), circuit.gate_times[: k - 1]
     if old is None:
         points = [start[0], *(circuit.derivatives(t)[0] for t in times), goal[0]]
@@ -108,17 +110,6 @@ def _thrust_axis_angle(state: np.ndarray, air: Air) -> np.ndarray:
     )
     e1, e2 = least_rotation_axes(axes[2])
     return np.array([np.arctan2(axes[0] @ e2, axes[0] @ e1), w[2], alpha[2], 0.0, 0.0])
-
-
-def _gates_of(gates: GateRegions, start: np.ndarray, k: int) -> GateRegions:
-    """Returns the start, as a gate, and the first k gates."""
-    sizes = gates.half_sizes
-    return dc.replace(
-        gates,
-        midpoints=np.vstack([start[0, :3], gates.midpoints[:k]]),
-        headings=np.append(start[0, 3], gates.headings[:k]),
-        half_sizes=None if sizes is None else np.vstack([[0.0, 0.0], sizes[:k]]),
-    )
 
 
 def _smoothest(points, ends, durations):

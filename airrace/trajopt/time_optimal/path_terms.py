@@ -4,14 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from airrace.trajopt.feasibility import MAX_CROSSING_ANGLE, MIN_HEIGHT
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
 from airrace.trajopt.time_optimal.lap_step import LapStep
 
 _SPACING = 0.25  # m, of samples, or so
-_SPARSE = 10  # samples to one constraint of height
+_SPARSE, _LOW = 10, 0.3  # samples to one constraint of height, unless it is so near (m)
 _BAND, _DEPTH = 2.5, 0.05  # m, of constraints beyond the clearance, and the nearest point
 _MARGIN = 0.02  # m, for what lies between samples
 
@@ -70,11 +69,13 @@ def keep_clear(step: LapStep, constraints: FlightConstraints, cost: float) -> No
         nearest = distance.min(axis=0, initial=np.inf)
         which, pylon = np.nonzero((room < _BAND) & (distance < nearest + _DEPTH))
         normal = away[which, pylon] / distance[which, pylon][:, None]
-        low = np.flatnonzero(place[:, 2] < MIN_HEIGHT + _BAND)[::_SPARSE]
+        height = place[:, 2] - constraints.min_height
+        low = np.flatnonzero(height < _BAND)
+        low = np.union1d(low[::_SPARSE], low[height[low] < _LOW])
         gradients = np.zeros((len(which) + len(low), 1, 4))
         gradients[: len(which), 0, :2] = -normal
         gradients[len(which) :, 0, 2] = -1.0
-        rooms = np.concatenate([room[which, pylon] - _MARGIN, place[low, 2] - MIN_HEIGHT - _MARGIN])
+        rooms = np.concatenate([room[which, pylon], height[low]]) - _MARGIN
         rows = step.rows(leg, np.concatenate([which, low]), gradients, 0.0, matrices)
         step.at_most(leg, rows, rooms, slack_cost=cost)
 
@@ -85,7 +86,7 @@ def shortfall(lap: LapSpline, constraints: FlightConstraints) -> float:
     for _, place in _places(lap):
         _, distance = _from_pylons(place, constraints.pylons)
         near = np.max(constraints.clearance - distance, initial=0.0)
-        lack = max(lack, near, MIN_HEIGHT - place[:, 2].min())
+        lack = max(lack, near, constraints.min_height - place[:, 2].min())
     return float(lack)
 
 
@@ -105,12 +106,12 @@ def _from_pylons(place, pylons):
 
 
 def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
-    """Adds that velocities at gates are within MAX_CROSSING_ANGLE of the headings.
+    """Adds that velocities at gates are near enough to their headings, if those matter.
 
     Args: cost: of a wrong speed (s per m/s).
     """
-    most = 1.0 / np.cos(MAX_CROSSING_ANGLE)
-    for i in step.passed:
+    most = 1.0 / np.cos(gates.most_off)
+    for i in step.passed if gates.most_off < np.pi else ():
         forward = gates.forward[i]
         variables, unit = step.at_gate(i, 1)
         A = np.zeros((4, 4))

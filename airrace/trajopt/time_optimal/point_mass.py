@@ -24,8 +24,8 @@ class PointMassBound:
     """The quickest lap of a point mass."""
 
     duration: float  #: s
-    durations: np.ndarray  #: from each gate to the next, (n,) s
-    #: Evenly in time over each leg, both ends included, (n, intervals + 1, 3) m/s.
+    durations: np.ndarray  #: from each gate to the next, (legs,) s
+    #: Evenly in time over each leg, both ends included, (legs, intervals + 1, 3) m/s.
     velocities: np.ndarray
     positions: np.ndarray  #: at the gates, (n, 3) m
 
@@ -33,7 +33,7 @@ class PointMassBound:
 def point_mass_bound(
     gates: GateRegions, constraints: FlightConstraints, intervals: int = 8, tolerance: float = 1e-3
 ) -> PointMassBound:
-    """Returns the quickest periodic lap of a point mass without drag.
+    """Returns the quickest lap of a point mass without drag: periodic, or from rest to rest.
 
     In time normalised to the leg, with w = T v, the acceleration u = T^2 a is
     constant over each of some intervals, and the limits |w| <= T v_max,
@@ -62,13 +62,17 @@ def point_mass_bound(
         raise TrajectoryOptimizationError("The limits must be positive.")
     if limits.max_specific_force <= GRAVITY:
         raise TrajectoryOptimizationError("The greatest thrust is below the weight.")
-    chords = np.roll(gates.midpoints, -1, axis=0) - gates.midpoints
+    after = gates.after
+    chords = gates.midpoints[after] - gates.midpoints[: len(after)]
     lengths = np.linalg.norm(chords, axis=1)
     a = min(limits.max_acceleration, limits.max_specific_force - GRAVITY)
     speed = min(limits.max_speed, np.sqrt(a * lengths.mean()))
     T = lengths / speed
     directions = chords / lengths[:, None]
-    V = directions + np.roll(directions, 1, axis=0)
+    V = np.zeros_like(gates.midpoints)
+    V[: len(after)] = directions
+    V[after] += directions
+    V[list(gates.ends)] = 0.0
     V *= speed / np.maximum(np.linalg.norm(V, axis=1, keepdims=True), 0.1)
 
     problem = _Problem(gates, intervals, limits)
@@ -84,7 +88,7 @@ def point_mass_bound(
         new_T, new_V, P, w = found
         lap_time, lack = new_T.sum(), _NEARNESS_MERIT * near.lack(w, P)
         # How far both legs at a gate disagree on its velocity.
-        v_ends = np.stack([new_V, np.roll(new_V, -1, axis=0)], axis=1)
+        v_ends = np.stack([new_V[: len(after)], new_V[after]], axis=1)
         mismatch = np.linalg.norm(w[:, [0, -1]] - new_T[:, None, None] * v_ends, axis=2)
         new_merit = lap_time + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed + lack
         # The first solution did not know of the pylons yet.
@@ -119,7 +123,7 @@ class _Pylons:
 
     def _away(self, w, P):
         """Returns vectors from the axes, (n, samples, m, 2), and their lengths."""
-        places = P[:, None, :2] + self._integrals @ w[..., :2]
+        places = P[: len(w), None, :2] + self._integrals @ w[..., :2]
         away = places[:, :, None] - self._axes
         return away, np.maximum(np.linalg.norm(away, axis=3), 1e-6)
 
@@ -148,11 +152,12 @@ class _Problem:
     """The convex problem about an iterate; its cones are always the same."""
 
     def __init__(self, gates: GateRegions, intervals: int, limits: FlightLimits):
-        n, N = len(gates.midpoints), intervals
+        self._after, N = gates.after, intervals
+        n, places = len(self._after), len(gates.midpoints)
         self._program = program = MathematicalProgram()
         self._w = program.NewContinuousVariables(3 * n * (N + 1)).reshape(n, N + 1, 3)
-        self._P = program.NewContinuousVariables(n, 3)
-        self._V = program.NewContinuousVariables(n, 3)
+        self._P = program.NewContinuousVariables(places, 3)
+        self._V = program.NewContinuousVariables(places, 3)
         self._T = program.NewContinuousVariables(n)
         self._s = program.NewContinuousVariables(n)
         self._slack = program.NewContinuousVariables(n)
@@ -162,11 +167,15 @@ class _Problem:
         program.AddBoundingBoxConstraint(1e-3, np.inf, self._T)
         weights = np.full(N + 1, 1.0 / N)
         weights[[0, -1]] /= 2.0
-        for i in range(n):
+        for i in gates.ends:
             gates.constrain(program, i, self._P[i], np.zeros(3))
+            program.AddBoundingBoxConstraint(0.0, 0.0, self._V[i])
+        for i in range(n):
+            if i not in gates.ends:
+                gates.constrain(program, i, self._P[i], np.zeros(3))
             w, T, s = self._w[i], self._T[i], self._s[i]
             for j in range(3):
-                places = self._P[i, j], self._P[(i + 1) % n, j]
+                places = self._P[i, j], self._P[self._after[i], j]
                 row = np.array([[*weights, 1.0, -1.0]])
                 program.AddLinearEqualityConstraint(row, np.zeros(1), [*w[:, j], *places])
             if np.isfinite(limits.max_speed):
@@ -197,7 +206,7 @@ class _Problem:
                 np.array([[1.0, -2.0 * T[i]]]), [-np.inf], [-(T[i] ** 2)], [self._s[i], self._T[i]]
             )
             add.append(at_most)
-            for k, g in ((0, i), (-1, (i + 1) % n)):
+            for k, g in ((0, i), (-1, self._after[i])):
                 A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
                 variables = [*self._w[i, k], *self._V[g], self._T[i]]
                 add.append(program.AddLinearEqualityConstraint(A, -T[i] * V[g], variables))

@@ -27,7 +27,7 @@ def angle_bounds(
         the bounds, continuous around the lap; and where the bounds matter.
     """
     n, count = samples.derivatives.shape[1:3]
-    to_gate, seen, follow = _to_next_gate(samples, gates)
+    to_gate, seen, follow = _to_next_gate(samples, gates, half_view)
     # Beside a gate its bearing turns fast; its direction of flight takes the place of it.
     ahead = np.repeat(np.roll(gates.forward, -1, axis=0)[:n, :2], count, axis=0).T
     to_gate = np.where(follow.ravel(), to_gate, ahead)
@@ -46,17 +46,19 @@ def angle_bounds(
     return low.reshape(n, count), high.reshape(n, count), seen
 
 
-def _to_next_gate(samples, gates):
+def _to_next_gate(samples, gates, half_view):
     """Returns the horizontal vectors to the next midpoint, (2, N), and where it is far.
 
-    That is first farther than LEAST_RANGE, then also the first sample that is nearer.
+    That is first farther than LEAST_RANGE, then also the first sample that is nearer; and none if
+    it may be anywhere.
     """
     places = samples.derivatives[0, ..., :3]
     target = np.roll(gates.midpoints, -1, axis=0)[: len(places), None]
     to_gate = (target - places)[..., :2]
     step = np.linalg.norm(samples.derivatives[1, ..., :2], axis=2) / to_gate.shape[1]
     distance = np.linalg.norm(to_gate, axis=2)
-    return to_gate.reshape(-1, 2).T, distance > LEAST_RANGE, distance > LEAST_RANGE - step
+    least = LEAST_RANGE if half_view < np.pi else np.inf
+    return to_gate.reshape(-1, 2).T, distance > least, distance > least - step
 
 
 def _seen_from_axes(to_gate, turn, b, axes):
@@ -82,7 +84,7 @@ def keep_in_view(
     samples, force = step.samples, step.dynamics.force
     low, high, _ = angle_bounds(samples, gates, half_view)
     angles = samples.derivatives[0, ..., 3]
-    to_gate, _, seen = _to_next_gate(samples, gates)
+    to_gate, _, seen = _to_next_gate(samples, gates, half_view)
     for bound, sign, turn in ((high, 1.0, half_view), (low, -1.0, -half_view)):
         by_place, by_force = _bound_gradients(to_gate, force.values, turn, samples.axes)
         gradients = -np.einsum("dk,dkox->kox", by_force, force.gradients)

@@ -44,7 +44,8 @@ def test_gradients_of_the_dynamics(drone):
         )
         vehicle = now.limits.vehicle
         share = np.linalg.pinv(vehicle.allocation)[:, :1] * vehicle.mass
-        return force, thrusts - share * np.linalg.norm(force, axis=0), np.linalg.norm(w, axis=0)
+        rest = thrusts - share * np.linalg.norm(force, axis=0)
+        return force, rest, np.linalg.norm(w, axis=0), w
 
     h = 1e-6
     for i, (_, d, by_T) in enumerate(rows):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import MIN_HEIGHT, pylon_distances
-from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
+from airrace.trajopt.feasibility import pylon_distances
+from airrace.trajopt.flight_limits import MIN_HEIGHT, FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference

@@ -1,0 +1,123 @@
+"""Open courses: from rest to rest, upside down, low, through gates of any kind, twice and back."""
+
+import dataclasses as dc
+import functools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
+from airrace.trajopt.gate_regions import GateRegions, Region
+from airrace.trajopt.time_optimal.lap_search import Effort
+from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
+from airrace.vehicle import GRAVITY, load_vehicle
+
+VEHICLE = load_vehicle("Default")[0]
+RATES = (15.0, 15.0, 3.0)  # rad/s
+START, GOAL, RADIUS, MIN_HEIGHT = [0.0, 0.0, 1.0], [4.0, -3.0, 1.0], 0.3, 0.5  # m
+DIVE = np.array([[8.0, 4.0, 3.0], [-6.0, 0.0, 4.0], [-6.0, 0.0, 1.5]])  # m
+LIMITS = FlightLimits(VEHICLE, max_rate=np.inf, max_axis_rates=RATES, min_lift=-np.inf)
+FREE = FlightConstraints((), 0.0, LIMITS, half_view=np.pi, min_height=MIN_HEIGHT)
+
+
+def balls(places=DIVE, between=(START, GOAL)):
+    return GateRegions.balls(places, None, RADIUS, between=between)
+
+
+@functools.cache
+def dive():
+    return plan_optimal_course(balls(), FREE)
+
+
+def test_it_passes_all_waypoints_from_rest_to_rest_in_order():
+    course, states = dive(), dive().states()
+    at = [np.argmin(abs(states.times - t)) for t in course.gate_times]
+    places = states.positions[:, at].T
+    np.testing.assert_allclose(places[[0, -1]], [START, GOAL], atol=1e-6)
+    np.testing.assert_allclose(states.velocities[:, [0, -1]], 0.0, atol=1e-6)
+    np.testing.assert_allclose(states.rotations[2, 2, [0, -1]], 1.0, atol=1e-6)
+    np.testing.assert_allclose(states.rotations[:, :, 0], np.eye(3), atol=1e-6)
+    # A sample is up to a millisecond off the waypoint.
+    assert np.linalg.norm(places[1:-1] - DIVE, axis=1).max() < RADIUS + 0.02
+    assert states.positions[2].min() > MIN_HEIGHT - 0.05
+    assert states.rotations[2, 2].min() < 0.0  # upside down
+    assert course.bound < course.duration == pytest.approx(states.times[-1])
+
+
+def test_it_is_what_the_rotors_do():
+    """Forces, rates and moments anew, from differences of the states."""
+    states = dive().states()
+    h, R = np.diff(states.times), np.moveaxis(states.rotations, 2, 0)
+    middle = (states.times[1:] + states.times[:-1]) / 2
+    force = np.diff(states.velocities) / h + [[0.0], [0.0], [GRAVITY]]
+    total = np.interp(middle, states.times, states.thrusts.sum(axis=0))
+    axis = R[:-1, :, 2] + R[1:, :, 2]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    np.testing.assert_allclose(force, (total / VEHICLE.mass) * axis.T, atol=0.5)
+    w = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]).as_rotvec().T / h
+    np.testing.assert_allclose(
+        w, (states.angular_velocities[:, 1:] + states.angular_velocities[:, :-1]) / 2, atol=0.05
+    )
+    J = np.array(VEHICLE.inertia)[:, None]
+    alpha = np.gradient(states.angular_velocities, states.times, axis=1)
+    w = states.angular_velocities
+    moments = J * alpha + np.cross(w, J * w, axis=0)
+    expected = (VEHICLE.allocation @ states.thrusts)[1:]
+    assert np.quantile(abs(moments - expected), 0.99) < 0.01
+    # Between the milliseconds of the check it may be a little more.
+    most = 1.001 * VEHICLE.max_thrusts[:, None]
+    assert states.thrusts.min() >= -1e-9
+    assert (states.thrusts <= most).all()
+    assert (np.abs(w) <= 1.001 * np.reshape(RATES, (3, 1))).all()
+
+
+def test_states_of_so_many_a_leg_are_those_of_the_others():
+    few, all_of_them = dive().states(10), dive().states()
+    assert few.times.size == 10 * 4 + 1
+    assert few.times[10::10] == pytest.approx(dive().gate_times[1:])
+    at = [np.interp(few.times, all_of_them.times, row) for row in all_of_them.positions]
+    np.testing.assert_allclose(few.positions, at, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_gate_may_come_twice_from_behind_and_tilted():
+    corners = np.array([[6.0, -1.0, 2.0], [6.0, 1.0, 2.0], [5.0, 1.0, 4.0], [5.0, -1.0, 4.0]])
+    gate = Region.polygon(corners)
+    beyond = Region.ball([12.0, 0.0, 3.0], 0.5)
+    limits = FlightLimits(VEHICLE)
+    constraints = FlightConstraints((), 0.0, limits, half_view=np.pi, min_height=MIN_HEIGHT)
+    gates = GateRegions.of_regions(
+        [gate, beyond, gate], [0.0, np.pi / 2, np.pi], between=(START, [0.0, 1.0, 1.0])
+    )
+    course = plan_optimal_course(gates, constraints, ((6, Effort(10)),))
+    states = course.states()
+    at = [np.argmin(abs(states.times - t)) for t in course.gate_times[[1, 3]]]
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+    normal /= np.linalg.norm(normal)
+    assert np.abs((states.positions[:, at].T - corners[0]) @ normal).max() < 0.03
+    assert np.abs(states.positions[1, at]).max() < 1.03
+    assert states.velocities[0, at[0]] > 1.0 and states.velocities[0, at[1]] < -1.0
+
+
+@pytest.mark.parametrize(
+    "gates, changes, reason",
+    [
+        (lambda: balls(DIVE[[0, 0]]), {}, "Gate 1 and gate 2 coincide"),
+        (lambda: balls(between=(START, DIVE[2])), {}, "Gate 3 and the goal coincide"),
+        (lambda: balls(between=(START, [np.nan, 0.0, 1.0])), {}, "finite"),
+        (lambda: balls(between=None), {}, "open"),
+        (balls, {"max_axis_rates": (15.0, 0.0, 3.0)}, "max_axis_rates"),
+        (balls, {"thrust_share": 0.1}, "hover"),
+    ],
+)
+def test_what_cannot_be_is_refused(gates, changes, reason):
+    constraints = dc.replace(FREE, limits=dc.replace(LIMITS, **changes))
+    with pytest.raises(TrajectoryOptimizationError, match=reason):
+        plan_optimal_course(gates(), constraints)
+
+
+def test_a_start_below_the_least_height_is_refused():
+    with pytest.raises(TrajectoryOptimizationError, match="start"):
+        plan_optimal_course(balls(between=([0.0, 0.0, 0.2], GOAL)), FREE)

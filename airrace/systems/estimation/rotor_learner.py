@@ -19,7 +19,8 @@ if TYPE_CHECKING:  # else an edit of it would have all machine code compiled ane
     from airrace.scenario import Scenario
 
 _MEMORY = 15.0  # s, over which old flight is forgotten to 1 / e
-_LEAST = 2.0  # s of flight, before which nothing is said
+_LEAST = 1.0  # s of flight, before which nothing is said
+_TAKE_OFF = 1.0  # s that do not count: disturbances still show that the ground carried the drone
 _STILL = air_vector(STILL)
 _MOST = 0.2  # that a factor is off one: more is another fault
 _STEP = 0.005  # factors are told in steps, so that who computes with them need not do it anew
@@ -28,7 +29,7 @@ _STEP = 0.005  # factors are told in steps, so that who computes with them need 
 class LearnerMemory(NamedTuple):
     """What the learner remembers."""
 
-    flown: float  #: time that counts (s)
+    flown: float  #: time that counts (s), negative before the first
     thrusts: np.ndarray  #: mean of the rotors' thrusts, as their speeds promise (N), (n,)
     missing: np.ndarray  #: mean of what would explain the disturbances (N), (n,)
 
@@ -77,7 +78,9 @@ class RotorLearner(LeafSystem):
         self._moment = self.DeclareVectorInputPort("disturbance_moment", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
-        self.DeclareDiscreteState(packing.vector(LearnerMemory(0.0, np.zeros(n), np.zeros(n))))
+        self.DeclareDiscreteState(
+            packing.vector(LearnerMemory(-_TAKE_OFF, np.zeros(n), np.zeros(n)))
+        )
         factors = self.DeclareDiscreteState(np.ones(n))
         self.DeclarePeriodicDiscreteUpdateEvent(self._dt, 0.0, self._update)
         self.DeclareStateOutputPort("rotor_factors", factors)
@@ -105,6 +108,9 @@ class RotorLearner(LeafSystem):
         factors = discrete_state.get_mutable_value(1)
         m, missing = self._parts(memory), self._inverse @ wrench + (factors - 1.0) * thrusts
         flown = m.flown + self._dt
+        if flown <= 0.0:
+            memory[:] = self._vector(m._replace(flown=flown))
+            return
         share = self._dt / min(flown, _MEMORY)  # a plain mean at first
         means = (
             before + share * (now - before)

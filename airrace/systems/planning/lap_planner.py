@@ -33,10 +33,10 @@ _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
 _ROUNDING = 1e-12  # s, and of a step
 # Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
-_STEP, _AIR_STEPS = 0.01, np.array([0.01, 0.0005, 0.5, 0.5, 0.5])
+_STEP, _AIR_STEPS = 0.005, np.array([0.01, 0.0005, 0.5, 0.5, 0.5])
 _STILL = air_vector(STILL)
-# Of the rotors' thrust, that is kept: for factors that differ by one, at most; and for gusts.
-_UNEQUAL, _MOST_UNEQUAL, _GUSTS = 0.4, 0.04, 0.03
+# Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
+_UNEQUAL, _GUSTS = 0.1, 0.03
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -347,7 +347,7 @@ def _reserve(factors: np.ndarray, air: Air) -> float:
     the same sign. Where there is wind, there are gusts.
     """
     gusts = 0.0 if air.is_still else _GUSTS
-    return min(_UNEQUAL * float(np.ptp(factors)), _MOST_UNEQUAL) + gusts
+    return _UNEQUAL * float(np.ptp(factors)) + gusts
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

@@ -12,8 +12,11 @@ from airrace.vehicle import GRAVITY, load_vehicle
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
 
 
-def learnt(vehicle, wrench, seconds=5.0, thrust=GRAVITY, disturbance=None):
-    """Returns the factors after a hover with a force along z (N) and moments beside the rotors."""
+def learnt(vehicle, wrench, seconds=5.0, thrust=GRAVITY, disturbance=None, ground=0.0):
+    """Returns the factors after a hover with a force along z (N) and moments beside the rotors.
+
+    Args: ground: what the ground still seems to do in the first second (m/s^2).
+    """
     n = len(vehicle.rotors)
     learner = RotorLearner(vehicle=vehicle, rate=50.0)
     simulator = Simulator(learner)
@@ -24,7 +27,7 @@ def learnt(vehicle, wrench, seconds=5.0, thrust=GRAVITY, disturbance=None):
         # Who knows the factors finds less that is not explained.
         known = vehicle.allocation @ ((factors - 1.0) * vehicle.thrust_coefficients * speeds**2)
         rest = wrench - known
-        along_z = np.array([0.0, 0.0, rest[0] / vehicle.mass])
+        along_z = np.array([0.0, 0.0, rest[0] / vehicle.mass + ground * (time < 0.95)])
         for name, value in {
             "filtered_estimate": np.array([0.0, 1.0, *[0.0] * 12]),
             "disturbance": along_z if disturbance is None else disturbance,
@@ -56,6 +59,12 @@ def test_of_eight_rotors_the_least_change_is_found():
 def test_what_comes_from_the_side_is_no_weakness():
     vehicle = VEHICLES["Default"]
     found = learnt(vehicle, np.zeros(4), disturbance=np.array([3.0, -2.0, 0.0]))
+    np.testing.assert_array_equal(found, 1.0)
+
+
+def test_what_the_ground_did_is_no_strength():
+    vehicle = VEHICLES["Default"]
+    found = learnt(vehicle, np.zeros(4), seconds=2.5, ground=5.0)
     np.testing.assert_array_equal(found, 1.0)
 
 

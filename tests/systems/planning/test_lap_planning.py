@@ -241,6 +241,17 @@ def test_an_old_lap_that_asks_too_much_of_a_rotor_does_not_fit():
     assert not TimeOptimalLaps(in_air).fits(first().circuit)
 
 
+@pytest.mark.slow
+def test_a_plan_of_rotors_that_turned_out_weaker_is_left_for_one_that_they_can_fly():
+    """The transition begins where the old plan is beyond their limits."""
+    old = first("optimal", "rotor")
+    given = problem(limits="rotor", old=old)
+    weaker = dc.replace(given.limits, vehicle=VEHICLE.with_thrusts([0.93] * 4))
+    plan = plan_lap(dc.replace(given, limits=weaker))
+    assert plan.circuit.duration > old.circuit.duration
+    assert max(plan.summary.max_thrusts) <= 1.02 * max(old.summary.max_thrusts)
+
+
 def test_a_lap_that_is_quicker_by_rounding_alone_is_not_flown():
     """It would depend on the kind of processor, and the drone would change its path for nothing."""
     old = first()

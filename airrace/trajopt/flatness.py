@@ -94,7 +94,8 @@ def inverse_dynamics(
     _, w, alpha = attitude_from_force(
         *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
-    thrust = vehicle.mass * np.sqrt(dot(force[0], force[0]))
+    amount = np.sqrt(dot(force[0], force[0]))
+    thrust = vehicle.mass * (amount + axial_drag(r.velocity, force[0] / amount, 1.0, air))
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 
@@ -105,6 +106,22 @@ def moments(vehicle: Vehicle, w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """
     J = np.array(vehicle.inertia)[:, None]
     return J * alpha + cross(w, J * w)
+
+
+def axial_drag(
+    velocity: np.ndarray, b: np.ndarray, unit: float | np.ndarray, air: Air
+) -> float | np.ndarray:
+    """Returns how much thrust over mass it takes against drag along the thrust, (N,).
+
+    Only the thrust has to make up for it: the attitude stays that of thrust_vectors().
+
+    Args: velocity: (3, N). b: unit vectors along the thrust, likewise. unit, air: see there.
+    """
+    if air.is_still:
+        return 0.0
+    u = velocity - air.wind.reshape(3, *[1] * (velocity.ndim - 1)) * unit
+    speed = np.sqrt(dot(u, u) + (_SLOW * unit) ** 2)
+    return (air.axial_linear * unit + air.axial_quadratic * speed) * dot(u, b)
 
 
 def thrust_vectors(

@@ -227,7 +227,7 @@ class GeometricController(LeafSystem):
 def _lean(reference, disturbance, feed_forward, air):
     """Makes a reference, (18,), lean against a disturbance (m/s^2), (3,); see GeometricController.
 
-    The drag of the air, vector of an Air, (5,), changes as the velocity does.
+    The drag of the air, vector of an Air, (7,), changes as the velocity does.
     """
     _, velocity, acceleration, jerk, snap, _, _, _ = as_reference(reference)
     jerk -= drag_rate(velocity, acceleration, as_air(air))

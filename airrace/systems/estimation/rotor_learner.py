@@ -102,7 +102,7 @@ class RotorLearner(LeafSystem):
             return
         state, air = as_state(estimate), as_air(read_or(_STILL, self._air, context))
         z_B = rotation_matrix(state.quaternion)[:, 2]
-        rest = disturbance - drag_acceleration(state.velocity, air)
+        rest = disturbance - drag_acceleration(state.velocity, z_B, air)
         wrench = np.array((self._mass * dot(rest, z_B), *moment))
         memory = discrete_state.get_mutable_value(0)
         factors = discrete_state.get_mutable_value(1)

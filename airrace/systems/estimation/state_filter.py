@@ -8,7 +8,7 @@ from pydrake.math import DiscreteAlgebraicRiccatiEquation
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.common.packing import Packing
-from airrace.math.quaternion import integrate
+from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
@@ -222,14 +222,15 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now, a
         speeds, thrust_per_mass: see specific_thrust().
         gain: see kalman_gain().
         now: (s).
-        air: vector of an Air, (5,).
+        air: vector of an Air, (7,).
     """
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
         return  # the prediction goes on from the last that was
     thrust = specific_thrust(thrust_per_mass, speeds)
     time, p, v, rest = state.time, state.position.copy(), state.velocity.copy(), m.rest.copy()
-    assign(disturbance, rest + drag_acceleration(m.velocity, as_air(air)))
+    z_B = rotation_matrix(state.quaternion)[:, 2]
+    assign(disturbance, rest + drag_acceleration(m.velocity, z_B, as_air(air)))
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
         until = time if is_new else now
@@ -245,7 +246,7 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now, a
     predicted_to = time if is_new or begins else now
     numbers = np.array((predicted_to, max(time, m.newest), thrust))
     assign(memory, np.concatenate((numbers, p, v, rest)))
-    assign(disturbance, rest + drag_acceleration(v, as_air(air)))
+    assign(disturbance, rest + drag_acceleration(v, z_B, as_air(air)))
 
 
 def kalman_gain(dt: float) -> np.ndarray:

@@ -33,7 +33,7 @@ _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
 _ROUNDING = 1e-12  # s, and of a step
 # Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
-_STEP, _AIR_STEPS = 0.005, np.array([0.01, 0.0005, 0.5, 0.5, 0.5])
+_STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
 _STILL = air_vector(STILL)
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03

@@ -53,7 +53,7 @@ class LapProblem(Immutable):
     old: LapPlan  #: the LapPlan in force until then, NO_PLAN before the first
     #: Of each rotor's thrust, by which ``limits`` differ from the vehicle's file, (n,).
     rotor_factors: np.ndarray
-    air: np.ndarray  #: vector of the Air that is in ``limits``, (5,)
+    air: np.ndarray  #: vector of the Air that is in ``limits``, (7,)
     style: LapStyle = LapStyle()  #: of minimum-snap laps
     #: Whether a new plan is flown even if the old one is quicker and still fits.
     always: bool = False

@@ -61,8 +61,8 @@ class TimeOptimalLaps(Laps):
             first = 2.0 * np.linalg.norm(gate[0, :3] - start[0, :3]) / np.linalg.norm(gate[1, :3])
         else:
             joins, first, old = _BETWEEN_LAPS, remaining, self._old
-            # It may start where the old plan comes nearer than is asked of a new one, and asks more of
-            # rotors that have turned out weaker.
+            # It may start where the old plan comes nearer than is asked of a new one, or asks more
+            # of rotors that have turned out weaker.
             clearance = np.minimum(self.constraints.clearance, self._old_distances(remaining))
             limits = dc.replace(limits, thrust_share=max(limits.thrust_share, self._old_share()))
             constraints = dc.replace(self.constraints, clearance=clearance, limits=limits)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
+from airrace.trajopt.flatness import axial_drag, moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
 
@@ -56,7 +56,10 @@ def angle_dynamics(
             acceleration,
         ]
     )
-    thrust = vehicle.mass * np.sqrt(np.sum(force * force, axis=0))
+    velocity = as_reference(flat).velocity
+    thrust = vehicle.mass * (
+        np.sqrt(np.sum(force * force, axis=0)) + axial_drag(velocity, b, units, limits.air)
+    )
     wrench = np.vstack([thrust, moments(vehicle, w, alpha)])
     return limits.from_wrench @ wrench, force, w, alpha
 

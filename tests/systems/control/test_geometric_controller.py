@@ -356,7 +356,7 @@ def test_it_turns_as_a_drag_that_is_known_changes(drone):
     lean = Bench(VEHICLES[drone])
     lean.fix(reference=reference, air=air_vector(air))
     h = 1e-5
-    drags = [drag_acceleration(v + t * a, air) for t in (-h, h)]
+    drags = [drag_acceleration(v + t * a, np.zeros(3), air) for t in (-h, h)]
     as_reference(reference).jerk[:] = -(drags[1] - drags[0]) / (2 * h)
     planned = Bench(VEHICLES[drone])
     planned.fix(reference=reference)

@@ -141,14 +141,15 @@ def test_rotors_that_are_known_to_be_weaker_push_less():
 
 
 def test_drag_that_is_known_is_told_at_once():
-    air = Air(0.1, 0.01, np.array([2.0, 0.0, 0.0]))
+    air = Air(0.1, 0.01, np.array([2.0, 0.0, 0.0]), 0.05, 0.01)
     bench = Bench(Motion(PUSH))
     bench.run(4.0)
     before = bench.disturbance
     bench.filter.GetInputPort("air").FixValue(bench.context, air_vector(air))
     now = as_state(bench.at(bench.context.get_time() + 1 / RATE))
     change = bench.disturbance - before
-    np.testing.assert_allclose(change, drag_acceleration(now.velocity, air), atol=0.1)
+    z_B = bench.motion.R.col(2)
+    np.testing.assert_allclose(change, drag_acceleration(now.velocity, z_B, air), atol=0.1)
     assert np.linalg.norm(change) > 1.0
 
 

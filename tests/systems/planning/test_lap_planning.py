@@ -68,7 +68,7 @@ def problem(
             start=start,
             old=old,
             rotor_factors=np.ones(4),
-            air=np.zeros(5),
+            air=np.zeros(7),
         )
         | changes
     )

@@ -33,7 +33,7 @@ BENCHMARKS = {
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "original": ("original", "--workers", "{workers}"),
-    "oracle": ("oracle", "--only", "reference", "hexagon", "split-s", "--plan-only"),
+    "oracle": ("oracle", "--workers", "{workers}"),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),
     "mapping": ("mapping",),

@@ -1,17 +1,17 @@
 """How far planned and flown laps are from the optimum of the whole quadrotor.
 
-    python -m benchmarks.oracle [--only reference hexagon generated split-s] [--tracks 20]
-        [--drone Default] [--limits rotor] [--share 1.0] [--drag 0] [--intervals 10]
+    python -m benchmarks.oracle [--only reference hexagon generated 19-waypoints 19-gates 7-shapes]
+        [--tracks 20] [--drone Default] [--limits rotor] [--share 1.0] [--drag 0] [--intervals 10]
         [--plan-only] [--workers N] [--json FILE]
 
 For each track: the lap as it is planned, as it is flown on the true map by the controller, and the
 quickest lap that the equations of motion allow, found by IPOPT (see quadrotor_optimum.py) with
 the same limits of the drone, windows and clearance from pylons, the same lap after lap; but without
 the camera's view. It is found on two meshes, of which the second is twice as fine: where both
-agree, the optimum is that of the drone, not of the mesh. `split-s` is a published course
-from rest to rest, with a published quadrotor, which is only planned.
+agree, the optimum is that of the drone, not of the mesh. `19-waypoints`, `19-gates` and
+`7-shapes` are published courses from rest to rest, with a published quadrotor, and only planned.
 
-`--drag 1` is all of the drone's drag: flown and optimal laps have it, planned ones know of none.
+`--drag 1` is all of the drone's drag: planned and optimal laps know of it, flown ones learn it.
 The optimum takes CasADi: `pip install 'airrace[benchmarks]'`.
 """
 
@@ -33,8 +33,11 @@ from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.track import load_track
 from airrace.track.map_files import true_map
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
+from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import Air, air_vector
 from benchmarks import harness, published_courses
 from benchmarks.harness import make_table
+from benchmarks.published_courses import COURSES
 from benchmarks.quadrotor_optimum import (
     Flight,
     flight_of_course,
@@ -54,8 +57,8 @@ def main(argv=None) -> int:
     parser.add_argument(
         "--only",
         nargs="+",
-        choices=[*_TRACKS, "generated", "split-s"],
-        default=[*_TRACKS, "generated", "split-s"],
+        choices=[*_TRACKS, "generated", *COURSES],
+        default=[*_TRACKS, "generated", *COURSES],
         help="(default: all)",
     )
     parser.add_argument(
@@ -78,12 +81,12 @@ def main(argv=None) -> int:
 
 
 def measure(args) -> dict:
-    """Returns rows of lap(), and of split_s()."""
+    """Returns rows of lap(), and of course()."""
     require_casadi()
     jobs = [(lap, (_TRACKS[name], name, args)) for name in args.only if name in _TRACKS]
     if "generated" in args.only:
         jobs += [(generated_lap, (seed, args)) for seed in range(args.tracks)]
-    courses = [(split_s, (args,))] if "split-s" in args.only else []
+    courses = [(course, (name, args)) for name in args.only if name in COURSES]
     rows = harness.in_processes([*jobs, *courses], "Optimising", workers=args.workers)
     return {"laps": rows[: len(jobs)], "courses": rows[len(jobs) :]}
 
@@ -111,7 +114,7 @@ def show(results: dict) -> tuple[list, bool]:
         "time to plan (s)": "{planned_cpu_s:.1f}",
         **meshes,
         "planned, over": "{planned_over:.2%}",
-        **{name: f"{seconds:.2f}" for name, seconds in published_courses.PUBLISHED.items()},
+        "others (s)": "{others}",
     }
     tables = [
         make_table(title, results[key], columns)
@@ -149,15 +152,22 @@ def lap(track: str, name: str, args) -> dict:
     return _compared(row, guess, laps.gates, laps.constraints, args.drag)
 
 
-def split_s(args) -> dict:
-    """Returns the row of the published course: planned, optimal."""
-    gates, constraints = published_courses.split_s(), published_courses.constraints()
+def course(name: str, args) -> dict:
+    """Returns the row of a published course: planned, optimal, others'."""
+    make_gates, others = COURSES[name]
+    gates, constraints = make_gates(), published_courses.constraints()
     clock = time.process_time()
-    course = plan_optimal_course(gates, constraints)
+    planned = plan_optimal_course(gates, constraints)
     cpu = time.process_time() - clock
-    row = {"name": "split-S, 19 waypoints", "planned_s": course.duration, "planned_cpu_s": cpu}
-    guess = flight_of_course(course, args.intervals)
-    return _compared(row | {"flown_s": np.nan}, guess, gates, constraints, 0.0)
+    row = {
+        "name": name,
+        "planned_s": planned.duration,
+        "planned_cpu_s": cpu,
+        "flown_s": np.nan,
+        "others": ", ".join(f"{planner} {seconds:.2f}" for planner, seconds in others.items()),
+    }
+    guess = flight_of_course(planned, args.intervals)
+    return _compared(row, guess, gates, constraints, 0.0)
 
 
 def _compared(row: dict, guess: Flight, gates, constraints, drag: float) -> dict:
@@ -189,7 +199,7 @@ def _scenario(track: str, args) -> Scenario:
 
 def _laps(scenario: Scenario) -> TimeOptimalLaps:
     """Returns what plans the laps of such a race once the map is known."""
-    gate_map = true_map(load_track(scenario.track))
+    gate_map, vehicle = true_map(load_track(scenario.track)), load_vehicle(scenario.drone)[0]
     request = PlanRequest(
         start_time=0.0,
         gates=gate_map.gates,
@@ -197,8 +207,19 @@ def _laps(scenario: Scenario) -> TimeOptimalLaps:
         margins=pylon_margins(gate_map.gates, gate_map.markers),
         start=np.zeros((5, 4)),
         old=NO_PLAN,
+        rotor_factors=np.ones(len(vehicle.rotors)),
+        air=_air(vehicle, scenario.disturbances.drag),
     )
     return TimeOptimalLaps(LapPlanner.from_scenario(scenario).problem_of(request))
+
+
+def _air(vehicle: Vehicle, share: float) -> np.ndarray:
+    """Returns the vector of the Air in which a share of a vehicle's drag acts, without wind."""
+    linear, quadratic = (
+        share * np.array(c) / vehicle.mass for c in (vehicle.drag.linear, vehicle.drag.quadratic)
+    )
+    axial = linear[2] - linear[0], quadratic[2] - quadratic[0]
+    return air_vector(Air(linear[0], quadratic[0], np.zeros(3), *axial))
 
 
 def _flown(scenario: Scenario) -> float:

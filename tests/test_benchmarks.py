@@ -463,6 +463,21 @@ def test_plans_are_put_beside_the_optimum(run):
     assert rows_of(table, "hexagon")[0][0] == f"{row['planned_s']:.3f}"
 
 
+def test_published_courses_are_theirs():
+    """Their corners, as published planners have them, and gates that come again."""
+    courses = importlib.import_module("benchmarks.published_courses")
+    made = {name: make() for name, (make, _) in courses.COURSES.items()}
+    assert [len(gates.regions) for gates in made.values()] == [21, 21, 11]
+    np.testing.assert_array_equal(
+        made["19-gates"].midpoints[1:8], made["19-waypoints"].midpoints[8:15]
+    )
+    # Where TOGT's own plan passes the triangle, the ends of the tunnel, and the hexagon.
+    passed = {1: [-1.1, -0.4063, 2.402], 3: [13.08, 3.187, 1.26], 5: [2.623, -8.924, 1.813]}
+    for gate, place in (passed | {8: [3.401, -0.409, 1.108]}).items():
+        nearest = made["7-shapes"].regions[gate].nearest(place)
+        np.testing.assert_allclose(nearest, place, atol=0.01)
+
+
 def test_a_flight_of_twice_as_many_intervals_is_the_same():
     optimum = importlib.import_module("benchmarks.quadrotor_optimum")
     states = np.arange(13.0)[:, None] + np.arange(7.0)

@@ -13,6 +13,7 @@ analysis/figures_signals.py              analysis/test_report.py
 analysis/figures_track.py                analysis/test_report.py
 analysis/page_templates.py               analysis/test_report.py
 analysis/signals.py                      analysis/test_run.py
+betaflight/guard_process.py              betaflight/test_guard.py
 commands/computer_checks.py              commands/test_doctor.py
 common/command_line.py                   commands/test_app.py
 common/errors.py                         commands/test_app.py

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import struct
 import subprocess
@@ -26,8 +25,7 @@ _MOTORS = np.dtype([("count", "<u2"), ("unused", "<u2"), ("outputs", "<f4", 16)]
 _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
 _AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
-_LIBRARY = "lockstep.so"  # in the folder of the process
-_WARM_UP, _TIMED = 500, 2000  # steps, of steps_a_second()
+_WARM_UP, _TIMED = 0.5, 500  # s, and steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
 
@@ -67,20 +65,23 @@ class FirmwareProcess:
         self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
-        preload = {"LD_PRELOAD": f"./{_LIBRARY}", "AIRRACE_LOCKSTEP_FD": str(other.fileno())}
         with other:
             try:
-                shutil.copy(firmware.library, folder / _LIBRARY)  # no path may have a space in it
-                self._process = subprocess.Popen(
-                    [str(firmware.program)],
-                    cwd=folder,
-                    env=os.environ | preload,
-                    pass_fds=[other.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    start_new_session=True,  # Ctrl-C in a terminal is for airrace
-                )
+                with firmware.library.open("rb") as library:
+                    # An open file has no spaces in its path, and is there whatever becomes of the
+                    # folders: without the library, the firmware would never end.
+                    preload = f"/proc/self/fd/{library.fileno()}"
+                    number = str(other.fileno())
+                    self._process = subprocess.Popen(
+                        [str(firmware.program)],
+                        cwd=folder,
+                        env=os.environ | {"LD_PRELOAD": preload, "AIRRACE_LOCKSTEP_FD": number},
+                        pass_fds=[other.fileno(), library.fileno()],
+                        stdin=subprocess.DEVNULL,
+                        stdout=subprocess.DEVNULL,
+                        stderr=subprocess.DEVNULL,
+                        start_new_session=True,  # Ctrl-C in a terminal is for airrace
+                    )
             except OSError as e:
                 self._socket.close()
                 raise UserError(f"{firmware.program} cannot be run: {e.strerror}.") from None
@@ -179,8 +180,7 @@ def steps_a_second(firmware: Firmware) -> float:
     """
     with temporary_folder() as folder:
         with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
-            for _ in range(_WARM_UP):
-                process.step(NO_RADIO)
+            process.hold(_WARM_UP, NO_RADIO)
             begin = time.perf_counter()
             for _ in range(_TIMED):
                 process.step(NO_RADIO)

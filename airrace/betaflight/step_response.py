@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.betaflight.firmware import Firmware, find_firmware
-from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, FirmwareProcess
+from airrace.betaflight.firmware_process import PERIOD, FirmwareProcess
 from airrace.betaflight.settings import FILE_NAME, configure
-from airrace.betaflight.sticks import Sticks
+from airrace.betaflight.sticks import Sticks, power_on
 from airrace.common.files import write_text
 from airrace.common.held_folders import temporary_folder
 from airrace.scenario.imu_config import ImuConfig
@@ -18,7 +18,7 @@ from airrace.vehicle import GRAVITY, Vehicle, find_vehicle, load_vehicle
 from airrace.vehicle.rotors import make_rotor_dynamics, next_speed
 
 AXES = "roll", "pitch", "yaw"
-_BOOT = 0.5, 5.5, 0.5  # s, without a radio, with it, and armed
+_ARMING = 0.5  # s
 _SETTLING = 0.2  # s, before the step, in which the rotors come to their speeds
 _SHARES = 0.63, 0.9
 
@@ -92,9 +92,7 @@ def start_armed(firmware: Firmware, folder: Path, sticks: Sticks) -> FirmwarePro
     Args: sticks: of the settings.
     """
     process = FirmwareProcess(firmware, folder)
-    boot = NO_RADIO, sticks.at_rest(armed=False), sticks.at_rest(armed=True)
-    for duration, channels in zip(_BOOT, boot):
-        process.hold(duration, channels)
+    power_on(process, sticks, _ARMING)
     return process
 
 

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from airrace.betaflight.firmware_process import CHANNELS
+from airrace.betaflight.firmware_process import CHANNELS, NO_RADIO, REST, FirmwareProcess
 from airrace.betaflight.settings import values_of
 from airrace.common.errors import UserError
 from airrace.common.jit import compilable, compiled
 from airrace.vehicle import Vehicle
 
+BOOT = 0.5  # s, of the firmware's time, before its radio is on
+CALIBRATION = 5.5  # s, in which it learns what its gyroscope shows at rest, and a reserve
 _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 _NO_SIGNAL = 800  # below rx_min_usec
 _HALF = _HIGH - _MIDDLE
@@ -113,6 +115,19 @@ class Sticks:
         speeds = np.empty(len(self._order))
         _set_speeds(speeds, outputs, self._order, self._max_speeds, supply)
         return speeds
+
+
+def power_on(
+    process: FirmwareProcess, sticks: Sticks, arming: float, imu: np.ndarray = REST
+) -> None:
+    """Lets a firmware start, calibrate and arm, on a drone that stands.
+
+    Args: sticks: of its settings. arming: for how long the switch is raised (s). imu: at rest, see
+    state_packet().
+    """
+    process.hold(BOOT, NO_RADIO, imu)
+    process.hold(CALIBRATION, sticks.at_rest(armed=False), imu)
+    process.hold(arming, sticks.at_rest(armed=True), imu)
 
 
 @compiled

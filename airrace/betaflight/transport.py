@@ -13,9 +13,9 @@ from airrace.analysis.blackbox import FILE as LOG_NAME
 from airrace.analysis.blackbox import RACE_BEGINS
 from airrace.betaflight.betaflight_system import Betaflight
 from airrace.betaflight.firmware import find_firmware
-from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, REST, FirmwareProcess
+from airrace.betaflight.firmware_process import PERIOD, REST, FirmwareProcess
 from airrace.betaflight.settings import FILE_NAME, configure, state_of_arming
-from airrace.betaflight.sticks import Sticks
+from airrace.betaflight.sticks import BOOT, CALIBRATION, Sticks, power_on
 from airrace.common.errors import UserError, words
 from airrace.common.files import write_text
 from airrace.common.held_folders import temporary_folder
@@ -23,6 +23,7 @@ from airrace.common.words import count
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.transport import Transport
 from airrace.diagrams.wiring import connect_by_name, export_inputs, inputs_of, outputs_of
+from airrace.scenario import BETAFLIGHT
 from airrace.systems.sensing.imu import Imu
 from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.battery import Pack
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
     from airrace.systems.types import RefereeStatus
 
-_BOOT = 0.5  # s, of the firmware's time, before its radio is on
-_CALIBRATION = 5.5  # s, in which it learns what its gyroscope shows at rest, and a reserve
 _ARMING = 0.3  # s
 _TRY = 0.1  # s, for which they are
 _TRY_THRUST = 0.01  # share of the greatest: too little for airmode
@@ -113,7 +112,7 @@ class BetaflightTransport(Transport):
     """Joins a simulation to an autonomy and to the firmware, which drives the motors."""
 
     simulation = "SITL"
-    flight_controllers = ("betaflight",)
+    flight_controllers = (BETAFLIGHT,)
 
     def __init__(self, process: FirmwareProcess, sticks: Sticks, note: Callable[[str], object]):
         """Constructs the transport.
@@ -181,13 +180,8 @@ class BetaflightTransport(Transport):
         """
         process, sticks = self._process, self._sticks
         small = sticks.channels_of_thrust(_TRY_THRUST)
-        for duration, channels in (
-            (_BOOT, NO_RADIO),
-            (_CALIBRATION, sticks.at_rest(armed=False)),
-            (_ARMING, sticks.at_rest(armed=True)),
-            (_TRY, small),
-        ):
-            outputs = process.hold(duration, channels, self._rest)
+        power_on(process, sticks, _ARMING, self._rest)
+        outputs = process.hold(_TRY, small, self._rest)
         if process.problem is not None:
             raise UserError(f"{process.problem}, before it was armed.")
         if not sticks.rotor_speeds(outputs).all():
@@ -195,7 +189,7 @@ class BetaflightTransport(Transport):
                 f"Betaflight does not arm ({state_of_arming(process)}): change its settings."
             )
         # Its clock has begun with its first step, so its log can be put beside the race's.
-        left = RACE_BEGINS - (_BOOT + _CALIBRATION + _ARMING + _TRY)
+        left = RACE_BEGINS - (BOOT + CALIBRATION + _ARMING + _TRY)
         process.hold(left, sticks.at_rest(armed=True), self._rest)
         if simulator.get_target_realtime_rate() > 0.0:
             self._note(f"Betaflight's MSP and command line are at tcp://127.0.0.1:{process.port}")

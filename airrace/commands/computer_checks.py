@@ -58,19 +58,19 @@ def _vtk() -> Row:
 
 def _betaflight() -> Iterator[Row]:
     from airrace.betaflight.firmware import find_firmware
-    from airrace.betaflight.firmware_process import steps_a_second
+    from airrace.betaflight.firmware_process import PERIOD, steps_a_second
 
     what, needed = "Betaflight", "only if you want it"
     try:
         firmware = find_firmware()
         yield Row(what, f"{firmware.version}, in {firmware.program.parent}", needed, GOOD, "")
-        pace = steps_a_second(firmware) / 1000.0
+        pace = PERIOD * steps_a_second(firmware)
     except UserError as e:
         yield Row(what, "no", needed, WEAK, str(e))
         return
     remedy = "end other programs: races with it are slow" if pace < _PACE else ""
     status = WEAK if remedy else GOOD
-    yield Row("Betaflight alone", f"{pace:.0f} x real time", f"{_PACE:g} x", status, remedy)
+    yield Row("Betaflight alone", f"{pace:.1f} x real time", f"{_PACE:g} x", status, remedy)
 
 
 def _machine_code() -> Row:

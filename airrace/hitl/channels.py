@@ -93,6 +93,11 @@ def make_channels(
     return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))
 
 
+def channel_name(port: str) -> str:
+    """Returns the name of the channel that carries a port alone."""
+    return f"AIRRACE_{port.removeprefix('truth.').upper()}"
+
+
 def _channel(
     port: str,
     sender: str,
@@ -108,7 +113,7 @@ def _channel(
         return {port: value}
 
     return PortChannel(
-        name=f"AIRRACE_{port.removeprefix('truth.').upper()}",
+        name=channel_name(port),
         message_type=codec.message_type,
         sender=sender,
         decode=decode,

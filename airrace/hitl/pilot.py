@@ -8,7 +8,7 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Diagram
 
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
-from airrace.hitl.channels import make_channels
+from airrace.hitl.channels import channel_name, make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, states_of
 from airrace.hitl.handover import Handover, Joined, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import PREDICTED, MakePilotSide, ports_wanted
@@ -23,7 +23,7 @@ _GAP = 0.1  # s, beyond which the past is not caught up with
 _AGAIN = 0.05  # s, after which a navigator that is not ready yet is told everything again
 _LOST = 1.0  # s without a word of the navigator's: then the drone is not led any more
 _BLIND = 0.1  # s without a word of where the drone is: then a board is told nothing
-_SENSED = "AIRRACE_STATE_ESTIMATE", "AIRRACE_IMU"  # channels that say so
+_SENSED = channel_name("state_estimate"), channel_name("imu")  # channels that say so
 _TOLERANCE = 0.1  # of a period, by which values may be handed over early
 
 

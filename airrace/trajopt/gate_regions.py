@@ -1,4 +1,4 @@
-"""Where a flight may cross its gates: windows, tilted polygons, or balls."""
+"""Where a flight may cross its gates: windows, tilted polygons, prisms, or balls."""
 
 import dataclasses as dc
 import functools
@@ -42,8 +42,10 @@ class Region(Immutable):
         )
 
     @classmethod
-    def polygon(cls, corners: ArrayLike) -> "Region":
-        """Returns a flat convex polygon, however tilted, from its corners in order, (n, 3) m.
+    def polygon(cls, corners: ArrayLike, length: float = 0.0) -> "Region":
+        """Returns a flat convex polygon, however tilted, or the prism that it is the middle of.
+
+        Args: corners: in order, (n, 3) m. length: of the prism, half of it on either side (m).
 
         Raises:
             TrajectoryOptimizationError: if they do not make one.
@@ -61,8 +63,9 @@ class Region(Immutable):
         beyond = (corners - midpoint) @ np.column_stack([outward.T, normal, -normal])
         if not (beyond <= np.append(high, [0.0, 0.0]) + 1e-3).all() or not (high > 0.0).all():
             raise TrajectoryOptimizationError("The corners of a gate make no flat convex polygon.")
-        low = np.append(np.full(len(high), -np.inf), 0.0)
-        return cls(midpoint, A=np.vstack([outward, normal]), low=low, high=np.append(high, 0.0))
+        low = np.append(np.full(len(high), -np.inf), -length / 2)
+        high = np.append(high, length / 2)
+        return cls(midpoint, A=np.vstack([outward, normal]), low=low, high=high)
 
     @classmethod
     def ball(cls, midpoint: ArrayLike, radius: float) -> "Region":

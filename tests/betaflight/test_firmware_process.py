@@ -107,7 +107,7 @@ def test_steps_that_it_is_told_of_at_once_are_as_one_by_one(configured, firmware
     assert (answers[0][:4] > 1100.0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_same_steps_are_answered_alike_by_two_at_once_on_a_busy_computer(
     firmware, configured, sticks, tmp_path
 ):

@@ -106,7 +106,7 @@ def fly(guard, board, duration=0.0):
         time.sleep(0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_board_follows_and_is_disarmed_when_nothing_is_commanded(board):
     with contextlib.closing(Guard(Setup(board.place, board.dump, "Default", False))) as guard:
         fly(guard, board)

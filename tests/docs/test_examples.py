@@ -41,7 +41,10 @@ def test_commands_print_what_the_page_says(page, tmp_path):
         for command, expected in console_commands(block):
             done = run(command, tmp_path)
             assert done.returncode == 0, f"{block}: {command}\n{done.stdout}"
-            actual = done.stdout.splitlines()
+            typed = done.stdout.replace(f"{sys.executable} -m airrace", "airrace")
+            # On a terminal, something turns in the place of such a line.
+            lines = typed.splitlines()
+            actual = [line for line in lines if not re.match(r"[A-Z]\w+ing .*\.\.\.$", line)]
             assert same_lines(expected, actual, block.tolerance), f"{block}\n{done.stdout}"
 
 

@@ -86,7 +86,7 @@ def test_a_board_is_told_thrust_and_rates_while_somebody_leads(hexagon, tmp_path
     run_race(scenario, tmp_path, transport=transport)
     in_flight = [told for time, told in transport.told.items() if 1.0 < time < 2.0]
     assert 9.0 < np.mean(in_flight, axis=0)[0] < 15.0  # it climbs
-    assert np.abs(in_flight)[:, 1:].max() < 1.0
+    assert np.abs(in_flight)[:, 1:].max() < 1.5  # rad/s: it only levels and turns to gate 1
     assert transport.told[2.9] is None
 
 

@@ -83,6 +83,19 @@ def test_what_is_no_flat_convex_polygon_is_refused(corners):
         Region.polygon(corners)
 
 
+def test_a_prism_reaches_as_far_to_both_sides_of_its_polygon():
+    prism, normal = (
+        Region.polygon(TILTED, 4.0),
+        np.cross(TILTED[1] - TILTED[0], TILTED[2] - TILTED[1]),
+    )
+    normal /= np.linalg.norm(normal)
+    for side in (-1.0, 1.0):
+        inside, outside = (prism.midpoint + side * reach * normal for reach in (1.9, 5.0))
+        np.testing.assert_allclose(prism.nearest(inside), inside, atol=1e-6)
+        end = prism.midpoint + 2.0 * side * normal
+        np.testing.assert_allclose(prism.nearest(outside), end, atol=1e-4)
+
+
 def test_start_and_goal_are_points_around_the_gates():
     gates = REGIONS["polygons"]
     assert not gates.is_closed and gates.ends == (0, 4) and gates.after.tolist() == [1, 2, 3, 4]

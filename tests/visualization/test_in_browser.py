@@ -23,6 +23,12 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium t
 CAMERAS = ("overview", "chase", "onboard", "gate", "free")
 # px, the height of the ring around the drone.
 RING = "airrace.halo.share * airrace.stage.canvas.clientHeight"
+# px, the height of the smallest number above a gate.
+NUMBERS = """Math.min(...airrace.numbers.sprites.map(({ position: { x, y, z }, scale }) => {
+  const up = new MeshCat.THREE.Vector3().setFromMatrixColumn(viewer.camera.matrixWorld, 1);
+  const [top, end] = [0.5, -0.5].map((k) => airrace.stage.world([x, y, z])
+    .addScaledVector(up, k * scale.y).project(viewer.camera).y);
+  return ((top - end) / 2) * airrace.stage.canvas.clientHeight; }))"""
 SIZES = ((1280, 720), (1920, 1080), (390, 844))
 # Where the drone is on the screen, and how far from the camera (m).
 TOOLS = """
@@ -363,6 +369,7 @@ def test_panels_hold_at_every_width(browser, folder):
         side = browser.evaluate("document.getElementById('side').getBoundingClientRect().left")
         assert width < 700 or (right + 1) * width / 2 < side
         assert browser.evaluate(RING) >= 33.0
+        assert browser.evaluate(NUMBERS) >= 15.0
         for opened in ("events-button", "legend-button"):
             browser.evaluate(f"document.getElementById('{opened}').click()")
             assert check_panels(browser, width) != [] and "clock" in panels

@@ -80,8 +80,8 @@ class LapSamples:
         return pack(self.derivatives.reshape(5, -1, 4))
 
     def excess(self) -> float:
-        """Returns the largest of all quantities over their limits, less one."""
-        return max(self.excesses().values())
+        """Returns the largest of all quantities over their limits, less one; NaN if one is none."""
+        return float(np.max(list(self.excesses().values())))
 
     def excesses(self) -> dict[str, float]:
         """Returns each quantity over its limit, less one, by the name of the limit."""

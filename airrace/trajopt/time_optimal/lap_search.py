@@ -63,6 +63,7 @@ class Effort:
     #: Predicted gain of an iteration, as a share of the lap time, at which to stop.
     tolerance: float = 5e-4
     samples: int = 24  #: of each leg
+    caution: float = 1.0  #: times the weight of the proximal cost in the first step
 
 
 # For planning in flight, from a lap through gates that moved a little.
@@ -105,6 +106,7 @@ class LapSearch:
     def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:
         """Returns a better lap, and the number of iterations; warm if it starts near the best."""
         weight, band = (_WARM_WEIGHT, _BAND) if warm else (_FIRST_WEIGHT, _FIRST_BAND)
+        weight *= effort.caution
         merit, least, iteration = self.merit(now), 0.0, 0
         for iteration in range(1, effort.iterations + 1):
             step = self.program(now, weight, band)

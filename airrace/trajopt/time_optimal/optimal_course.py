@@ -22,7 +22,7 @@ from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 # Pieces of each leg's spline, and when the search with so many ends: one after the other.
 STAGES = ((8, Effort(20, 1e-3, samples=32)), (12, Effort(8, 5e-4, samples=48)))
 # Of the search within tighter limits, for what lies between its samples; and an excess.
-_ROUNDS, _LAST, _NEGLIGIBLE = 4, Effort(2, 5e-4), 2e-4
+_ROUNDS, _LAST, _NEGLIGIBLE = 4, Effort(2, 5e-4, caution=100.0), 2e-4
 _BEYOND = 1.2  # times what is exceeded
 _RATE = 1000.0  # Hz, of the last check
 
@@ -130,7 +130,8 @@ def plan_optimal_course(
         missed = {name: _BEYOND * each for name, each in fine.excesses().items()}
         aimed = search.constraints.limits.tightened(missed)
         search.constraints = dc.replace(constraints, limits=aimed)
-        now, more = search.improve(search.settled(now.lap), True, _LAST)
+        now = LapSamples.of(now.lap, search.grid, aimed, 0.0)
+        now, more = search.improve(now, True, _LAST)
         iterations += more
     lap = slowed(now.lap, _fine(now.lap), limits, 0.0).lap
     search.require_clear(now)

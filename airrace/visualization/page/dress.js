@@ -2,6 +2,7 @@
 import { rotated } from "airrace/timeline.js";
 
 const GATE_TOP = 14.2, NUMBER = 3.4; // m, height of a number's middle, and its size
+const READABLE = 18; // px, the least size of a number
 const FAR = 4000; // m, that the ground reaches
 const SEEN = 10; // m, from where on a drone can be seen itself
 const LEAST = 34; // px, of the ring around it
@@ -81,16 +82,29 @@ export function haze(stage, config) {
   viewer.camera.updateProjectionMatrix();
 }
 
-// Numbers above the gates, of which the next one is marked.
+// Numbers above the gates, of which the next one is marked; from far away they are larger.
 export class GateNumbers {
   constructor(stage, config) {
-    this.next = null;
+    Object.assign(this, { stage, next: null });
     this.sprites = config.gates.map((gate, i) => {
       const sprite = painted(stage, 128, (context) => number(context, i + 1, false));
       sprite.position.set(gate.middle[0], gate.middle[1], GATE_TOP);
       sprite.scale.set(NUMBER, NUMBER, 1);
       return sprite;
     });
+  }
+
+  // Makes each as large as it takes to be read from where the camera is.
+  fit() {
+    const { camera } = this.stage.viewer, { clientHeight } = this.stage.canvas;
+    const share = (2 * Math.tan((camera.fov * Math.PI) / 360) * READABLE) / Math.max(clientHeight, 1);
+    for (const sprite of this.sprites) {
+      const { x, y } = sprite.position;
+      const away = this.stage.world([x, y, GATE_TOP]).distanceTo(camera.position);
+      const size = Math.max(NUMBER, share * away);
+      sprite.scale.set(size, size, 1);
+      sprite.position.z = GATE_TOP + 0.5 * (size - NUMBER);
+    }
   }
 
   show(next, shifts) {

@@ -146,6 +146,7 @@ stage.onFrame((wall, dt) => {
   const state = `${player.time} ${cameras.view} ${paths}`;
   if (state !== stage.state) drawScene();
   stage.state = state;
+  numbers.fit(); // a hand may have moved the camera, or the window has another size
   drawClock(stands, config);
   picture.draw(player.time, now, paths && cameras.view !== ONBOARD);
   if (wall > slow) {
@@ -160,4 +161,5 @@ stage.onFrame((wall, dt) => {
 stage.onDrawn = () => film.take(stands);
 
 // For tests, and for those who want to know more.
-window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, halo, player, stage, timeline };
+window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, halo, numbers, player, stage,
+  timeline };

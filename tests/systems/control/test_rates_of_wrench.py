@@ -32,8 +32,8 @@ def test_a_rate_loop_asks_for_the_wrench_again(vehicle):
         np.testing.assert_allclose(moment, wrench[1:], atol=1e-12)
 
 
-def test_a_controller_commands_rates_instead_of_rotor_speeds(vehicle):
+def test_a_controller_commands_rates_where_it_is_told_so(vehicle):
     controller = GeometricController(vehicle=vehicle, rate=500.0, commands_rates=True)
-    assert not controller.HasOutputPort("rotor_speed_command")
     assert controller.GetOutputPort("rate_command").size() == 4
+    assert not GeometricController(vehicle=vehicle, rate=500.0).HasOutputPort("rate_command")
     assert make_parameters(vehicle, "reduced", "vehicle").k_w.shape == (3,)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, Region
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
 from airrace.vehicle import GRAVITY, load_vehicle
@@ -71,6 +72,14 @@ def test_it_is_what_the_rotors_do():
     assert states.thrusts.min() >= -1e-9
     assert (states.thrusts <= most).all()
     assert (np.abs(w) <= 1.001 * np.reshape(RATES, (3, 1))).all()
+
+
+def test_an_attitude_that_is_none_exceeds_all_limits():
+    """What the solver hands back when it fails may point along the pole of the chart."""
+    lap, grid = dive().spline, Grid(dive().spline.pieces, 10, to_end=True)
+    upside_down = dc.replace(lap, chart=np.diag([1.0, -1.0, -1.0]))  # at rest, it is at the pole
+    with np.errstate(all="ignore"):
+        assert not LapSamples.of(upside_down, grid, LIMITS, 0.0).excess() <= 0.0
 
 
 def test_states_of_so_many_a_leg_are_those_of_the_others():

@@ -37,6 +37,7 @@ from airrace.trajopt.time_optimal.path_terms import (
     keep_clear,
     proximal_cost,
     shortfall,
+    stretch_cost,
 )
 from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
 
@@ -79,15 +80,23 @@ class LapSearch:
         constraints: to keep.
         view: half of the camera's view, less a margin (rad); pi if nothing needs to be seen.
         grid: where legs are sampled.
+        firmness: weight of stretch_cost(), times that of the proximal cost.
     """
 
-    def __init__(self, gates: GateRegions, turn: float, constraints: FlightConstraints, grid: Grid):
+    def __init__(
+        self,
+        gates: GateRegions,
+        turn: float,
+        constraints: FlightConstraints,
+        grid: Grid,
+        firmness: float = 0.0,
+    ):
         """Args: see above."""
         self.gates, self.turn, self.constraints = gates, turn, constraints
         half_view = constraints.half_view
         margin = _VIEW_MARGIN if half_view < np.pi else 0.0
         self.view = max(half_view - margin, half_view / 2)
-        self.grid = grid
+        self.grid, self.firmness = grid, firmness
 
     def settled(self, lap: LapSpline, samples: int | None = None) -> LapSamples:
         """Returns a lap slowed to the limits, an open one as it is if that is better, or in motion.
@@ -155,6 +164,8 @@ class LapSearch:
         cross_forward(step, self.gates, _FORWARD_COST)
         keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_BAND)
         proximal_cost(step, weight)
+        if self.firmness > 0.0:
+            stretch_cost(step, self.firmness * weight)
         angle_cost(step, _ANGLE_WEIGHT)
         return step
 

@@ -21,6 +21,7 @@ from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 
 # Pieces of each leg's spline, and when the search with so many ends: one after the other.
 STAGES = ((8, Effort(20, 1e-3, samples=32)), (12, Effort(8, 5e-4, samples=48)))
+_FIRMNESS = 100.0  # of the search: courses may have short legs among long ones
 # Of the search within tighter limits, for what lies between its samples; and an excess.
 _ROUNDS, _LAST, _NEGLIGIBLE = 4, Effort(2, 5e-4, caution=100.0), 2e-4
 _BEYOND = 1.2  # times what is exceeded
@@ -114,7 +115,7 @@ def plan_optimal_course(
     bound = point_mass_bound(gates, constraints, **PRECISION)  # type: ignore[arg-type]
     limits = constraints.limits
     searches = [
-        LapSearch(gates, 0.0, constraints, Grid(pieces, effort.samples, to_end=True))
+        LapSearch(gates, 0.0, constraints, Grid(pieces, effort.samples, to_end=True), _FIRMNESS)
         for pieces, effort in stages
     ]
     lap = first_lap(bound, searches[0]).lap

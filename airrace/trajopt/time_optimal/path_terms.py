@@ -42,6 +42,21 @@ def proximal_cost(step: LapStep, weight: float) -> None:
         step.least_squares(leg, rows, np.zeros(len(rows)))
 
 
+def stretch_cost(step: LapStep, weight: float) -> None:
+    """Adds the mean squared relative change of the legs' durations.
+
+    Derivatives at the gates go with their powers, up to the fourth, and a short leg among long ones
+    is little of what proximal_cost() weighs.
+
+    Args: weight: as a share of the lap time.
+    """
+    n = len(step.lap.durations)
+    for leg in range(n):
+        row = np.zeros((1, step.size(leg)))
+        row[0, -1] = np.sqrt(weight * step.lap.duration / n)
+        step.least_squares(leg, row, np.zeros(1))
+
+
 def angle_cost(step: LapStep, weight: float) -> None:
     """Adds the mean squared second derivative of the thrust-axis angle (rad/s^2).
 

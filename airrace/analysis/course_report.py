@@ -137,8 +137,11 @@ def course_figure(
     from airrace.analysis.figure_style import FAINT, INK, make_figure
     from airrace.track.plot import draw_gates
 
-    figure = make_figure(width, 3 + 2 * width / 3)
-    plan, side = figure.subplots(2, 1, height_ratios=[3, 1])
+    gates_at = [gate.p_WG[:2] for gate in track.gates]
+    reach = np.ptp(np.vstack([path[:, 1:3], gates_at, track.start.position[:2]]), axis=0) + OUTER
+    plan_height = np.clip(width * reach[1] / reach[0], 1.5, width)
+    figure = make_figure(width, plan_height + 2.5)
+    plan, side = figure.subplots(2, 1, height_ratios=[plan_height, 2.0])
     plan.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     draw_gates(plan, track, FAINT, FAINT)
     plan.plot(path[:, 1], path[:, 2], color=INK, lw=1.4)

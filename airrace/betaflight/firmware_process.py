@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airrace.betaflight.firmware import Firmware
+from airrace.betaflight.firmware import BUILD_AGAIN, Firmware
 from airrace.common.errors import UserError
 from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import ending
@@ -28,12 +28,14 @@ _AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
 _WARM_UP, _TIMED = 0.5, 500  # s, and steps, of steps_a_second()
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
+LEVEL = np.array((1.0, 0.0, 0.0, 0.0))  # an attitude
 
 
-# Rates are told in axes that point forward, right and down. Accelerations are what a sensor in B
-# shows, with the opposite sign.
+# Rates and attitudes are told in axes that point forward, right and down. Accelerations are what a
+# sensor in B shows, with the opposite sign.
 _SIGNS = np.array((1.0, -1.0, -1.0, -1.0, -1.0, -1.0))
-_IMU, _LEVEL = slice(1, 7), 7  # among the sensors: Betaflight's rate mode uses no attitude
+_TURNED = np.array((1.0, 1.0, -1.0, -1.0))  # quaternions
+_IMU, _ATTITUDE = slice(1, 7), slice(7, 11)  # among the sensors
 
 
 class FirmwareProcess:
@@ -61,8 +63,10 @@ class FirmwareProcess:
         self._answers = 1  # that are to come: at first, of its start
         self._motors = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
-        self._sensors, self._channels = self._step["sensors"], self._step["channels"]
-        self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
+        sensors, self._channels = self._step["sensors"], self._step["channels"]
+        self._imu, self._attitude = sensors[_IMU], sensors[_ATTITUDE]
+        sensors[-1] = _PRESSURE
+        self._answer = np.zeros((), _MOTORS)
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
         with other:
@@ -84,7 +88,9 @@ class FirmwareProcess:
                     )
             except OSError as e:
                 self._socket.close()
-                raise UserError(f"{firmware.program} cannot be run: {e.strerror}.") from None
+                raise UserError(
+                    f"{firmware.program} cannot be run ({e.strerror}): {BUILD_AGAIN}."
+                ) from None
 
     def close(self) -> None:
         """Ends the process."""
@@ -108,20 +114,25 @@ class FirmwareProcess:
         except OSError:  # where the computer prefers the other loopback
             return socket.create_connection(("::1", self.port or 0))
 
-    def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
+    def begin_step(
+        self, imu: np.ndarray, channels: Sequence[int], attitude: np.ndarray = LEVEL
+    ) -> None:
         """Lets the firmware run for a step; end_step() is to be called before the next one.
-
-        It is told of its IMU, and of nothing else that is true.
 
         Args:
             imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
             channels: of the radio, 1000 to 2000, 16 numbers.
+            attitude: R_WB as a quaternion, (4,): this firmware has no filter that finds it. Its
+                rate mode uses none.
         """
         if self.problem is None:
-            np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
+            np.multiply(imu, _SIGNS, out=self._imu)
+            np.multiply(attitude, _TURNED, out=self._attitude)
             self._channels[:] = channels
-            with contextlib.suppress(OSError):  # end_step() says what is wrong
+            try:
                 self._socket.send(self._step)
+            except OSError:
+                pass  # end_step() says what is wrong
             self._answers += 1
 
     def end_step(self) -> np.ndarray:
@@ -130,20 +141,20 @@ class FirmwareProcess:
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
         while self._answers and self.problem is None:
-            message = b""
+            size = 0
             try:
-                message = self._socket.recv(4096)
+                size = self._socket.recv_into(self._answer)
             except TimeoutError:
                 self.problem = f"Betaflight has not answered for {_PATIENCE:g} s"
                 break
             except OSError:  # as at the end
                 pass
-            if not message:
+            if not size:
                 self.problem = f"Betaflight {ending(self._process.wait())}"
-            elif len(message) == _PORT.size:
-                (self.port,) = _PORT.unpack(message)
+            elif size == _PORT.size:
+                (self.port,) = _PORT.unpack_from(self._answer)
             else:
-                self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
+                self._motors = self._answer["outputs"].astype(float)
                 self._answers -= 1
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 
@@ -186,5 +197,5 @@ def steps_a_second(firmware: Firmware) -> float:
                 process.step(NO_RADIO)
             spent = time.perf_counter() - begin
             if process.problem is not None:
-                raise UserError(f"{process.problem}: `airrace betaflight build` makes it anew.")
+                raise UserError(f"{process.problem}: {BUILD_AGAIN}.")
     return _TIMED / spent

@@ -2,11 +2,11 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Set
 
 import numpy as np
 
-from airrace.betaflight.firmware_process import CHANNELS, NO_RADIO, REST, FirmwareProcess
+from airrace.betaflight.firmware_process import CHANNELS, LEVEL, NO_RADIO, REST, FirmwareProcess
 from airrace.betaflight.settings import values_of
 from airrace.common.errors import UserError
 from airrace.common.jit import compilable, compiled
@@ -28,7 +28,9 @@ _NEEDED = (
     | _MOTOR_CURVE.keys()
     | {f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")}
 )
-_ARM = re.compile(r"^aux \d+ 0 (\d+) (\d+) (\d+)", re.MULTILINE)
+_MODE = re.compile(r"^aux \d+ (\d+) (\d+) (\d+) (\d+)", re.MULTILINE)
+_ARM = 0  # number of a mode
+Read = Callable[[], np.ndarray]  # reads a vector that not all sticks need: that takes time
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left. Motors 5
 # to 8 are under them.
 _PLACES = ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -48,12 +50,7 @@ class Sticks:
         Raises:
             UserError: if the settings cannot be flown by thrust and rates, or not this drone.
         """
-        values = values_of(dump)
-        if missing := _NEEDED - values.keys():
-            raise UserError(
-                f"Betaflight's settings do not say {', '.join(sorted(missing))}: it is another "
-                "Betaflight than the one of `airrace betaflight build`."
-            )
+        values = needed_values(dump, _NEEDED)
         self._order = _motors_of(vehicle, dump)
         self.rotors = len(self._order)
         _check_directions(vehicle, self._order, values["yaw_motors_reversed"] == "ON")
@@ -68,16 +65,46 @@ class Sticks:
         self._curves = np.array([*(_rates(axis, values) for axis in _AXES), motors])
         names = "deadband", "deadband", "yaw_deadband", "min_check"
         self._limits = np.array([*(float(values[name]) for name in names), self._most])
-        self._arm, self._armed = _arm_channel(dump)
+        self._switches = (CHANNELS - 4) * [_LOW]  # what the other channels are, when it is armed
+        self._arm = self._raise_switch(dump, _ARM, "that arms")
         self._whole = np.zeros(4, int)
         self._left = np.zeros(4)  # of what was wanted, that whole numbers could not say yet
 
+    def _raise_switch(self, dump: str, mode: int, which: str) -> int:
+        """Switches a mode on; returns the index of its channel.
+
+        Args: mode: its number. which: what is said of a channel that is missing.
+        """
+        for number, channel, low, high in _MODE.findall(dump):
+            if int(number) == mode and int(low) < int(high):
+                self._switches[int(channel)] = min(_HIGH, (int(low) + int(high)) // 2)
+                return 4 + int(channel)
+        raise UserError(
+            f"Betaflight's settings have no channel {which}: add the line "
+            f"`aux {mode} {mode} {mode} 1700 2100 0 0`."
+        )
+
     def at_rest(self, armed: bool) -> list[int]:
         """Returns channels of the radio, with its throttle down."""
-        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *(CHANNELS - 4) * [_LOW]]
-        if armed:
-            channels[self._arm] = self._armed
+        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *self._switches]
+        if not armed:
+            channels[self._arm] = _LOW
         return channels
+
+    def shown_attitude(self, read_state: Read) -> np.ndarray:
+        """Returns the attitude that the firmware is told, see begin_step(); here, it uses none.
+
+        Args: read_state: returns the plant's, the true one, (13,).
+        """
+        return LEVEL
+
+    def command_of(self, rates: np.ndarray, read_estimate: Read) -> np.ndarray:
+        """Returns what channels() takes, (4,), for thrust and rates; here, these themselves.
+
+        Args: rates: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,).
+        read_estimate: returns the vector of the drone's estimated State, (14,).
+        """
+        return rates
 
     def no_signal(self) -> list[int]:
         """Returns channels of a radio that hears nothing: no value that a stick could have."""
@@ -96,13 +123,11 @@ class Sticks:
         average nothing is.
 
         Args:
-            command: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,).
+            command: see command_of(), (4,).
             supply: the battery's voltage, see Pack.
         """
         _set_sticks(self._whole, self._left, command, supply, self._curves, self._limits)
-        channels = self.at_rest(armed=True)
-        channels[:4] = self._whole.tolist()
-        return channels
+        return [*self._whole.tolist(), *self._switches]
 
     def rotor_speeds(self, outputs: np.ndarray, supply: float = 1.0) -> np.ndarray:
         """Returns the rotor speeds (rad/s) that the motors make for, (n,).
@@ -254,11 +279,12 @@ def _rates(axis: str, values: Mapping[str, str]) -> np.ndarray:
     return _TABLE * centre + max(0.0, most - centre) * bend
 
 
-def _arm_channel(dump: str) -> tuple[int, int]:
-    """Returns the index of the channel that arms, and the value that does."""
-    for channel, low, high in _ARM.findall(dump):
-        if int(low) < int(high):
-            return 4 + int(channel), min(_HIGH, (int(low) + int(high)) // 2)
-    raise UserError(
-        "Betaflight's settings have no channel that arms: add the line `aux 0 0 0 1700 2100 0 0`."
-    )
+def needed_values(dump: str, names: Set[str]) -> dict[str, str]:
+    """Returns the values that a dump sets, by name; raises UserError if some names are missing."""
+    values = values_of(dump)
+    if missing := names - values.keys():
+        raise UserError(
+            f"Betaflight's settings do not say {', '.join(sorted(missing))}: it is another "
+            "Betaflight than the one of `airrace betaflight build`."
+        )
+    return values

@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.analysis.blackbox import FILE as LOG_NAME
 from airrace.analysis.blackbox import RACE_BEGINS
+from airrace.betaflight.angle_mode import AngleSticks
 from airrace.betaflight.betaflight_system import Betaflight
 from airrace.betaflight.firmware import find_firmware
 from airrace.betaflight.firmware_process import PERIOD, REST, FirmwareProcess
@@ -46,6 +47,7 @@ _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
 _HOLD = 0.3  # s, for which Betaflight keeps what it heard last
 _LONG = 1e9  # s
 _LEFT_OUT = 3  # refused lines that are shown
+STICKS = {"rates": Sticks, "angle": AngleSticks}  # by betaflight_mode of a scenario
 
 
 @contextlib.contextmanager
@@ -59,14 +61,15 @@ def join_betaflight(
     Args: scenario: the race. output_dir: its folder. note: shows a line.
 
     Raises:
-        UserError: if the firmware or its settings cannot be had, or cannot fly this drone.
+        UserError: if the firmware or its settings cannot be had, or cannot fly this drone; after
+            the race, if the firmware ended before it.
     """
     firmware = find_firmware()
     vehicle, _ = load_vehicle(scenario.drone)
     source = find_settings(scenario)
     with temporary_folder() as folder:
         dump, refused = configure(firmware, source, folder)
-        sticks = Sticks(dump, vehicle)
+        sticks = STICKS[scenario.betaflight_mode](dump, vehicle)
         write_text(output_dir / FILE_NAME, dump)
         if refused:
             shown = ", ".join(map(str, refused[:_LEFT_OUT]))
@@ -80,6 +83,8 @@ def join_betaflight(
                 yield BetaflightTransport(process, sticks, note)
         finally:
             _keep_log(folder, output_dir, note)
+    if process.problem is not None:
+        raise UserError(f"{process.problem}; what was flown before is in {output_dir}.")
 
 
 def _keep_log(folder: Path, output_dir: Path, note: Callable[[str], object]) -> None:
@@ -162,7 +167,12 @@ class BetaflightTransport(Transport):
         builder.Connect(
             autonomy.GetOutputPort("rate_command"), betaflight.GetInputPort("rate_command")
         )
+        builder.Connect(
+            autonomy.GetOutputPort("filtered_estimate"),
+            betaflight.GetInputPort("filtered_estimate"),
+        )
         builder.ExportInput(imu.GetInputPort("state"), "truth.state")
+        builder.ConnectInput("truth.state", betaflight.GetInputPort("state"))
         inputs = {n: [autonomy.GetInputPort(n)] for n in inputs_of(autonomy)}
         inputs.setdefault(_SPEEDS, []).append(betaflight.GetInputPort(_SPEEDS))
         export_inputs(builder, inputs)

@@ -35,6 +35,11 @@ class AnyRaceOptions(HitlOptions):
         "what drives the motors: internal = the controller itself; betaflight = the firmware that "
         "racing drones fly, see airrace betaflight --help (default: internal)"
     )
+    betaflight_mode: Annotated[Literal["rates", "angle"] | None, Parameter(group=RACE)] = None
+    (
+        "what the firmware's sticks ask for: rates of roll and pitch, or angles, as in its angle "
+        "mode (default: rates)"
+    )
     betaflight_config: Annotated[str | None, Parameter(group=RACE, metavar="FILE")] = None
     (
         "the firmware's settings, lines of its command line, such as its `diff all` "

@@ -242,6 +242,7 @@ class Scenario:
     # What drives the motors: "internal", the controller itself; "betaflight", the firmware, which
     # the controller tells thrust and body rates; or "msp:PLACE": a real board is told them, too.
     flight_controller: str = INTERNAL
+    betaflight_mode: str = "rates"  # or "angle": its sticks ask for angles of roll and pitch
     betaflight_config: str = ""  # file of the firmware's settings; by default, the drone's own
     # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0

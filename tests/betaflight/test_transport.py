@@ -9,6 +9,7 @@ import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 import pytest
 
 from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
@@ -61,6 +62,16 @@ def test_it_takes_off_and_leaves_its_settings(firmware, tmp_path):
     assert "Betaflight / SITL" in dump and "set p_roll = 45" in dump
 
 
+@pytest.mark.slow
+def test_it_flies_in_its_angle_mode(firmware, tmp_path):
+    # In its rate mode, sticks that ask for angles would turn it over.
+    text = BRIEF.replace("4.0", "6.0") + "betaflight_mode: angle\n"
+    _, _, samples = fly(tmp_path / "a", text)
+    assert samples[36][3] == pytest.approx(5.0, abs=0.1)
+    assert np.hypot(*np.subtract(samples[-1], samples[36])[1:3]) > 3.0  # it is on its lap
+    assert samples[-1][0] == pytest.approx(6.0, abs=0.2)
+
+
 @pytest.mark.repeats
 def test_a_lap_is_flown_twice_alike(firmware, tmp_path):
     text = BRIEF.replace("time_limit: 4.0", "time_limit: 40.0")
@@ -71,18 +82,21 @@ def test_a_lap_is_flown_twice_alike(firmware, tmp_path):
 
 @pytest.mark.slow
 def test_a_firmware_killed_in_flight_ends_the_race_with_its_results(firmware, tmp_path):
+    times = []
+
     def killer(transport):
         def look(event):
+            times.append(event.time)
             if event.time >= 2.0 and transport._process.problem is None:
                 os.kill(transport._process.number, signal.SIGKILL)
 
         return look
 
-    result, _, samples = fly(tmp_path / "a", sinks=[killer])
-    assert result["dnf_reason"] == "Betaflight was killed: SIGKILL"
-    assert samples[-1][0] < 2.5
+    with pytest.raises(UserError, match=r"killed: SIGKILL; what was flown before is in .*/a\."):
+        fly(tmp_path / "a", sinks=[killer])
     kept = json.loads((tmp_path / "a" / "race.json").read_text())
-    assert kept["dnf_reason"] == result["dnf_reason"]
+    assert kept["dnf_reason"] == "Betaflight was killed: SIGKILL"
+    assert times[-1] < 2.5
 
 
 @pytest.mark.slow

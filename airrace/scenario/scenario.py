@@ -137,6 +137,7 @@ class PlannerConfig:
     # Of -t 3, 4 and 6: the quickest laps within the limits, or "original", which weighs snap
     # against time, as it did: -t 3 exceeds the limits a little, -t 6 flies as -t 4.
     time_allocation: str = "exact"
+    waits: bool = True  # for a drone that falls behind its plan: that is flown more slowly then
     update: str = "if_better"  # or "always", each lap on a new plan even if it is slower
 
 

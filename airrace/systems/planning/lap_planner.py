@@ -20,16 +20,23 @@ from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
 from airrace.systems.planning.path_clock import CLOCK_SIZE, as_clock
 from airrace.systems.planning.plan_checks import check_plan
+from airrace.systems.ports import read_or
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL, Air, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
-_ROUNDING = 1e-12  # s
+_ROUNDING = 1e-12  # s, and of a step
+# Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
+_STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
+_STILL = air_vector(STILL)
+# Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
+_UNEQUAL, _GUSTS = 0.1, 0.03
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -61,6 +68,7 @@ class LapPlanner(LeafSystem):
         - policy_status (may be left open: nobody else flies)
         - path_clock (may be left open: plans never wait)
         - rotor_factors (may be left open: the drone is as in its file)
+        - air (may be left open: there is no drag)
         output_ports:
         - lap_plan
 
@@ -138,6 +146,7 @@ class LapPlanner(LeafSystem):
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._policy = self.DeclareAbstractInputPort("policy_status", Value[object]())
         self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
@@ -300,9 +309,7 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
-        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
-        if self._factors.HasValue(context):
-            rotor_factors = self._factors.Eval(context).copy()
+        factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         return self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -311,20 +318,36 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
-                rotor_factors=rotor_factors,
+                rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
+                air=_AIR_STEPS * np.round(read_or(_STILL, self._air, context) / _AIR_STEPS),
             )
         )
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
-        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
+        limits, factors, air = self._limits, request.rotor_factors, as_air(request.air)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=dc.replace(self._limits, vehicle=vehicle),
+            limits=dc.replace(
+                limits,
+                vehicle=limits.vehicle.with_thrusts(factors),
+                thrust_share=limits.thrust_share * (1.0 - _reserve(factors, air)),
+                air=air,
+            ),
             style=self._style,
             always=self._always,
         )
+
+
+def _reserve(factors: np.ndarray, air: Air) -> float:
+    """Returns which share of the rotors' thrust a plan leaves, because of what was learnt.
+
+    Where rotors are unequal, the weakest is at its limit alone, and what it lacks is always yaw of
+    the same sign. Where there is wind, there are gusts.
+    """
+    gusts = 0.0 if air.is_still else _GUSTS
+    return _UNEQUAL * float(np.ptp(factors)) + gusts
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

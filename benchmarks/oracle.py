@@ -33,6 +33,7 @@ from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.track import load_track
 from airrace.track.map_files import true_map
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
+from airrace.vehicle import load_vehicle
 from benchmarks import harness, published_courses
 from benchmarks.harness import make_table
 from benchmarks.published_courses import COURSES
@@ -197,6 +198,7 @@ def _scenario(track: str, args) -> Scenario:
 
 def _laps(scenario: Scenario) -> TimeOptimalLaps:
     """Returns what plans the laps of such a race once the map is known."""
+    vehicle, _ = load_vehicle(scenario.drone)
     gate_map = true_map(load_track(scenario.track))
     request = PlanRequest(
         start_time=0.0,
@@ -205,6 +207,7 @@ def _laps(scenario: Scenario) -> TimeOptimalLaps:
         margins=pylon_margins(gate_map.gates, gate_map.markers),
         start=np.zeros((5, 4)),
         old=NO_PLAN,
+        rotor_factors=np.ones(len(vehicle.rotors)),
     )
     return TimeOptimalLaps(LapPlanner.from_scenario(scenario).problem_of(request))
 

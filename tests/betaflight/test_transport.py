@@ -118,10 +118,11 @@ def test_a_team_is_told_what_is_not_taken(firmware, shipped, tmp_path):
 
 
 @pytest.mark.slow
-def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(firmware, tmp_path):
+def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(
+    firmware, shipped, tmp_path
+):
     team = tmp_path / "team.txt"
-    arming = "set yaw_motors_reversed = ON\naux 0 0 0 1700 2100 0 0\n"
-    team.write_text(f"{arming}set min_check = 750\n")
+    team.write_text(f"{shipped.read_text()}set min_check = 750\n")
     with pytest.raises(UserError, match=r"does not arm \(.*THROTTLE.*\)"):
         fly(tmp_path / "a", BRIEF + f"betaflight_config: {team}\n")
 

@@ -5,29 +5,23 @@ import math
 import numpy as np
 
 from airrace.betaflight.sticks import Read, Sticks, needed_values
-from airrace.common.errors import UserError
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import as_plant_state, as_state
 
 _ANGLE = 1  # number of the mode
-# What would be added to what the angles ask for.
-_AS_THEY_ARE = {"angle_earth_ref": "0", "angle_feedforward": "0"}
 
 
 class AngleSticks(Sticks):
     """Commands thrust, angles of roll and pitch, and a rate of yaw."""
 
+    # These would add to what the angles ask for.
+    _ONLY = {**Sticks._ONLY, "angle_earth_ref": "0", "angle_feedforward": "0"}
+    _MODES = {**Sticks._MODES, _ANGLE: "switches the angle mode on"}
+
     def __init__(self, dump: str, vehicle: Vehicle):
         """See Sticks."""
         super().__init__(dump, vehicle)
-        values = needed_values(dump, {"angle_limit", "angle_p_gain"} | _AS_THEY_ARE.keys())
-        for name, value in _AS_THEY_ARE.items():
-            if values[name] != value:
-                raise UserError(
-                    f"Betaflight's settings have {name} = {values[name]}, which its angle mode is "
-                    f"not flown with: set it to {value}."
-                )
-        self._raise_switch(dump, _ANGLE, "for the angle mode")
+        values = needed_values(dump, {"angle_limit", "angle_p_gain"})
         # 1/s: a rate for each angle that is missing, see its pidLevel().
         self._gain = max(0.1 * float(values["angle_p_gain"]), 0.1)
         # A stick that would ask for its greatest rate asks for the greatest angle.

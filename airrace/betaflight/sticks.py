@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Set
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,17 +20,14 @@ _NO_SIGNAL = 800  # below rx_min_usec
 _HALF = _HIGH - _MIDDLE
 _TABLE = np.linspace(0.0, 1.0, 1001)  # deflections of a stick
 _AXES = "roll", "pitch", "yaw"
-# Settings of which only one value can be flown.
-_AS_THEY_ARE = {"rates_type": "ACTUAL", "thr_expo": "0", "throttle_limit_type": "OFF"}
 _MOTOR_CURVE = {"motor_idle": 1e4, "thrust_linear": 1e2}  # by how much they are more than a share
 _NEEDED = (
     {"yaw_motors_reversed", "min_check", "deadband", "yaw_deadband"}
-    | _AS_THEY_ARE.keys()
     | _MOTOR_CURVE.keys()
     | {f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")}
 )
 _MODE = re.compile(r"^aux \d+ (\d+) (\d+) (\d+) (\d+)", re.MULTILINE)
-_ARM = 0  # number of a mode
+_ARM = 0  # number of the mode
 Read = Callable[[], np.ndarray]  # reads a vector that not all sticks need: that takes time
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left. Motors 5
 # to 8 are under them.
@@ -44,45 +42,57 @@ class Sticks:
         rotors: how many there are.
     """
 
+    # Settings of which only one value can be flown: the loop is to get just what is commanded.
+    _ONLY: ClassVar[Mapping[str, str]] = {
+        "rates_type": "ACTUAL",
+        "thr_expo": "0",
+        "throttle_limit_type": "OFF",
+        "rc_smoothing": "OFF",
+        **{f"f_{axis}": "0" for axis in _AXES},
+    }
+    _MODES: ClassVar[Mapping[int, str]] = {_ARM: "arms"}  # what their channels do, by their numbers
+
     def __init__(self, dump: str, vehicle: Vehicle):
         """Args: dump: the settings, see configure(). vehicle: the drone.
 
         Raises:
             UserError: if the settings cannot be flown by thrust and rates, or not this drone.
         """
-        values = needed_values(dump, _NEEDED)
-        self._order = _motors_of(vehicle, dump)
+        values = needed_values(dump, _NEEDED | self._ONLY.keys())
+        self._order = _motors_of(vehicle)
         self.rotors = len(self._order)
-        _check_directions(vehicle, self._order, values["yaw_motors_reversed"] == "ON")
+        if missing := [*self._missing_lines(dump, values, vehicle)]:
+            raise UserError(
+                f"Betaflight's settings cannot fly the {vehicle.name}: add {', '.join(missing)}."
+            )
         self._max_speeds = vehicle.max_speeds
         self._most = float(vehicle.max_thrusts.sum())
-        for name, value in _AS_THEY_ARE.items():
-            if values[name] != value:
-                raise UserError(
-                    f"Betaflight's settings have {name} = {values[name]}: set it to {value}."
-                )
         motors = _motor_speeds(*(int(values[n]) / w for n, w in _MOTOR_CURVE.items()))
         self._curves = np.array([*(_rates(axis, values) for axis in _AXES), motors])
         names = "deadband", "deadband", "yaw_deadband", "min_check"
         self._limits = np.array([*(float(values[name]) for name in names), self._most])
         self._switches = (CHANNELS - 4) * [_LOW]  # what the other channels are, when it is armed
-        self._arm = self._raise_switch(dump, _ARM, "that arms")
+        for mode in self._MODES:
+            channel, position = _switches(dump)[mode]
+            self._switches[channel] = position
+        self._arm = 4 + _switches(dump)[_ARM][0]
         self._whole = np.zeros(4, int)
         self._left = np.zeros(4)  # of what was wanted, that whole numbers could not say yet
 
-    def _raise_switch(self, dump: str, mode: int, which: str) -> int:
-        """Switches a mode on; returns the index of its channel.
-
-        Args: mode: its number. which: what is said of a channel that is missing.
-        """
-        for number, channel, low, high in _MODE.findall(dump):
-            if int(number) == mode and int(low) < int(high):
-                self._switches[int(channel)] = min(_HIGH, (int(low) + int(high)) // 2)
-                return 4 + int(channel)
-        raise UserError(
-            f"Betaflight's settings have no channel {which}: add the line "
-            f"`aux {mode} {mode} {mode} 1700 2100 0 0`."
-        )
+    def _missing_lines(
+        self, dump: str, values: Mapping[str, str], vehicle: Vehicle
+    ) -> Iterator[str]:
+        """Yields the lines that settings lack, so that they can be flown."""
+        mixer = f"mixer {_MIXERS[self.rotors]}"
+        if f"\n{mixer}\n" not in f"\n{dump}":
+            yield f"`{mixer}`"
+        only = {**self._ONLY, "yaw_motors_reversed": _reversal(vehicle, self._order)}
+        for name, value in only.items():
+            if values[name] != value:
+                yield f"`set {name} = {value}` (it is {values[name]})"
+        for mode, what in self._MODES.items():
+            if mode not in _switches(dump):
+                yield f"`aux {mode} {mode} {mode} 1700 2100 0 0` (a channel that {what})"
 
     def at_rest(self, armed: bool) -> list[int]:
         """Returns channels of the radio, with its throttle down."""
@@ -231,7 +241,7 @@ def _motor_speeds(idle: float, linear: float) -> np.ndarray:
     return idle + (1.0 - idle) * mixed * (1.0 + linear * (1.0 - mixed) ** 2)
 
 
-def _motors_of(vehicle: Vehicle, dump: str) -> np.ndarray:
+def _motors_of(vehicle: Vehicle) -> np.ndarray:
     """Returns for each rotor which of Betaflight's motors it is, from 0, (n,)."""
     places = [tuple(np.sign(rotor.position[:2]).astype(int)) for rotor in vehicle.rotors]
     # Of two rotors at a place, the lower one is under the other.
@@ -247,28 +257,34 @@ def _motors_of(vehicle: Vehicle, dump: str) -> np.ndarray:
             f"Betaflight flies four or eight rotors on arms that make an X, which the "
             f"{vehicle.name} has not: race it with `--flight_controller internal`."
         )
-    mixer = _MIXERS[len(order)]
-    if f"\nmixer {mixer}\n" not in f"\n{dump}":
-        raise UserError(
-            f"Betaflight's settings are not for the rotors of the {vehicle.name}: add the line "
-            f"`mixer {mixer}`."
-        )
     return np.array(order)
 
 
-def _check_directions(vehicle: Vehicle, order: np.ndarray, is_reversed: bool) -> None:
-    """Refuses rotors that turn the other way: yaw would run away.
+def _reversal(vehicle: Vehicle, order: np.ndarray) -> str:
+    """Returns what yaw_motors_reversed must be: with the other value, yaw would run away.
 
-    Args: order: see _motors_of(). is_reversed: whether motor 1 turns counter-clockwise.
+    It is ON where motor 1 turns counter-clockwise. Args: order: see _motors_of().
     """
-    first, second = ("ccw", "cw") if is_reversed else ("cw", "ccw")
+    directions = [vehicle.rotors[i].direction for i in np.argsort(order)]
+    first, second = directions[:2]
     # A rotor under another turns against it.
-    expected = first, second, second, first, second, first, first, second
-    if any(rotor.direction != expected[i] for rotor, i in zip(vehicle.rotors, order)):
+    expected = [first, second, second, first, second, first, first, second]
+    if first == second or directions != expected[: len(directions)]:
         raise UserError(
-            f"The rotors of the {vehicle.name} do not turn as Betaflight's settings say: change "
-            "yaw_motors_reversed."
+            f"The rotors of the {vehicle.name} do not turn as Betaflight's mixers take them to: "
+            "race it with `--flight_controller internal`."
         )
+    return "ON" if first == "ccw" else "OFF"
+
+
+def _switches(dump: str) -> dict[int, tuple[int, int]]:
+    """Returns of each mode the first channel that switches it on, from 0, and its value then."""
+    found = [(*map(int, each),) for each in _MODE.findall(dump)]
+    return {
+        mode: (channel, min(_HIGH, (low + high) // 2))
+        for mode, channel, low, high in reversed(found)
+        if low < high
+    }
 
 
 def _rates(axis: str, values: Mapping[str, str]) -> np.ndarray:

@@ -20,7 +20,7 @@ from airrace.betaflight.sticks import BOOT, CALIBRATION, Sticks, power_on
 from airrace.common.errors import UserError, words
 from airrace.common.files import write_text
 from airrace.common.held_folders import temporary_folder
-from airrace.common.words import count
+from airrace.common.words import count, printable
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.transport import Transport
 from airrace.diagrams.wiring import connect_by_name, export_inputs, inputs_of, outputs_of
@@ -46,7 +46,7 @@ _SPEEDS = "rotor_speeds"
 _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
 _HOLD = 0.3  # s, for which Betaflight keeps what it heard last
 _LONG = 1e9  # s
-_LEFT_OUT = 3  # refused lines that are shown
+_SHOWN = 3  # refused lines; all of them are in the race's folder
 STICKS = {"rates": Sticks, "angle": AngleSticks}  # by betaflight_mode of a scenario
 
 
@@ -56,7 +56,7 @@ def join_betaflight(
 ) -> Iterator["BetaflightTransport"]:
     """Starts the firmware with its settings; yields what joins it to a race.
 
-    Its settings, as it has them, are left in the race's folder.
+    Its settings, as it has them, are left in the race's folder, below the lines that it refused.
 
     Args: scenario: the race. output_dir: its folder. note: shows a line.
 
@@ -70,14 +70,14 @@ def join_betaflight(
     with temporary_folder() as folder:
         dump, refused = configure(firmware, source, folder)
         sticks = STICKS[scenario.betaflight_mode](dump, vehicle)
-        write_text(output_dir / FILE_NAME, dump)
+        kept = output_dir / FILE_NAME
+        not_taken = f"Betaflight does not take {count(len(refused), 'line')} of {source}"
+        comments = [printable(not_taken), *refused] if refused else []
+        write_text(kept, "".join(f"# {line}\n" for line in comments) + dump)
         if refused:
-            shown = ", ".join(map(str, refused[:_LEFT_OUT]))
-            more = len(refused) - _LEFT_OUT
-            note(
-                f"Betaflight does not take {count(len(refused), 'line')} of {source}: {shown}"
-                + (f", and {more} more" if more > 0 else "")
-            )
+            shown = ", ".join(map(str, refused[:_SHOWN]))
+            more = len(refused) - _SHOWN
+            note(f"{not_taken}: {shown}" + (f", and {more} more, see {kept}" if more > 0 else ""))
         try:
             with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
                 yield BetaflightTransport(process, sticks, note)

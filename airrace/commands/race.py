@@ -85,7 +85,9 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if scenario.flight_controller == INTERNAL:
         return fly(options, quiet, scenario=scenario)
     from airrace.betaflight.firmware import find_firmware
-    from airrace.betaflight.transport import join_betaflight
+    from airrace.betaflight.settings import lines_of
+    from airrace.betaflight.transport import find_settings, join_betaflight
 
     find_firmware()  # before anything that takes a while
+    lines_of(find_settings(scenario))
     return fly(options, quiet, scenario=scenario, transport=join_betaflight)

@@ -56,8 +56,8 @@ def test_its_switch_is_on_from_the_start_and_it_knows_the_true_attitude(vehicle)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("aux 1 1 3 1700", "aux 1 2 3 1700", "add the line `aux 1 1 1 1700 2100 0 0`"),
-        ("earth_ref = 0", "earth_ref = 100", "angle_earth_ref = 100.*set it to 0"),
+        ("aux 1 1 3 1700", "aux 1 2 3 1700", "add `aux 1 1 1 1700 2100 0 0`"),
+        ("earth_ref = 0", "earth_ref = 100", r"`set angle_earth_ref = 0` \(it is 100\)"),
         ("angle_p_gain = 80", "", "do not say angle_p_gain"),
     ],
 )

@@ -14,7 +14,9 @@ import pytest
 
 from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
 from airrace.betaflight.msp import open_msp
+from airrace.betaflight.settings import lines_of
 from airrace.betaflight.transport import find_settings, join_betaflight
+from airrace.commands import race
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.recording.race_events import StateSample
@@ -111,17 +113,37 @@ def test_a_firmware_without_commands_falls_back_on_its_own_failsafe(firmware, tm
 @pytest.mark.slow
 def test_a_team_is_told_what_is_not_taken(firmware, shipped, tmp_path):
     team = tmp_path / "team.txt"
-    team.write_text(shipped.read_text() + "set dyn_notch_count = 3\n")
+    wrong = [f"set no_such_{i} = 3" for i in range(4)]
+    team.write_text("\n".join((shipped.read_text(), "set dyn_notch_count = 3", *wrong)))
     text = BRIEF.replace("4.0", "0.2") + f"betaflight_config: {team}\n"
     _, (line,), _ = fly(tmp_path / "a", text)
-    assert "does not take 1 line of" in line and "'set dyn_notch_count = 3'" in line
+    assert "does not take 5 lines of" in line and "'set dyn_notch_count = 3'" in line
+    kept = tmp_path / "a" / "betaflight.txt"
+    assert line.endswith(f"and 2 more, see {kept}")
+    comments = kept.read_text().splitlines()[1:6]
+    assert all(f"# '{wanted}' (" in found for wanted, found in zip(wrong, comments[1:]))
+    assert not {*wrong} & {*lines_of(kept)}  # they can be given again
+
+
+def test_settings_that_cannot_be_read_are_said_before_anything_takes_a_while(
+    firmware, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(race, "fly", lambda *args, **options: pytest.fail("it is flown"))
+    (tmp_path / "empty.txt").touch()
+    for name, words in (("nope.txt", "cannot be read"), ("empty.txt", "no settings")):
+        options = race.AnyRaceOptions(
+            flight_controller="betaflight", betaflight_config=str(tmp_path / name)
+        )
+        with pytest.raises(UserError, match=words):
+            race.fly_any(options)
 
 
 @pytest.mark.slow
-def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(firmware, tmp_path):
+def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(
+    firmware, shipped, tmp_path
+):
     team = tmp_path / "team.txt"
-    arming = "set yaw_motors_reversed = ON\naux 0 0 0 1700 2100 0 0\n"
-    team.write_text(f"{arming}set min_check = 750\n")
+    team.write_text(f"{shipped.read_text()}set min_check = 750\n")
     with pytest.raises(UserError, match=r"does not arm \(.*THROTTLE.*\)"):
         fly(tmp_path / "a", BRIEF + f"betaflight_config: {team}\n")
 

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
-from airrace.scenario import PlannerConfig, Scenario
+from airrace.scenario import BETAFLIGHT, PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
@@ -37,6 +37,8 @@ _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0
 _STILL = air_vector(STILL)
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03
+# Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
+_BETAFLIGHT_SHARE = 0.9
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ class LapPlanner(LeafSystem):
         max_speed, max_acceleration = parse_limits(config.limits)
         self._limits = FlightLimits(
             vehicle,
-            thrust_share=config.thrust_share,
+            thrust_share=config.thrust_share or 1.0,
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
@@ -178,7 +180,7 @@ class LapPlanner(LeafSystem):
             return cls(
                 vehicle=load_vehicle(scenario.drone)[0],
                 trajectory=scenario.trajectory,
-                config=scenario.planner,
+                config=_config_of(scenario),
                 laps=scenario.laps,
                 solve=solve,
             )
@@ -338,6 +340,14 @@ class LapPlanner(LeafSystem):
             style=self._style,
             always=self._always,
         )
+
+
+def _config_of(scenario: Scenario) -> PlannerConfig:
+    """Returns how laps are planned; Betaflight's mixer needs thrust that no plan takes."""
+    share = scenario.planner.thrust_share
+    if share is None and scenario.flight_controller == BETAFLIGHT:
+        share = _BETAFLIGHT_SHARE
+    return dc.replace(scenario.planner, thrust_share=share)
 
 
 def _reserve(factors: np.ndarray, air: Air) -> float:

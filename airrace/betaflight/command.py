@@ -5,6 +5,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from airrace.common.interrupts import sigterm_as_ctrl_c
+
 EPILOG = """\
 Betaflight is the firmware that racing drones fly. It is free software under
 the GNU General Public License, version 3, and no part of airrace: its sources
@@ -24,6 +26,7 @@ def add_to(app: App) -> None:
     app.command(room)
 
 
+@sigterm_as_ctrl_c()
 def build(
     *,
     source: Annotated[Path | None, Parameter(metavar="FILE")] = None,

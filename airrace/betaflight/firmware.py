@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from airrace.common.errors import UserError, words
+from airrace.common.files import open_regular
 from airrace.common.held_folders import temporary_folder
 from airrace.common.machine_code import own_folder, usual_folder
 from airrace.common.processes import processors
@@ -110,7 +111,7 @@ def _build_program(scratch: Path, show: Show, source: Path | None) -> Path:
         source = _fetch(scratch)
     show("unpacking", 0.05)
     try:
-        with tarfile.open(source) as archive:
+        with open_regular(source) as file, tarfile.open(fileobj=file) as archive:
             archive.extractall(scratch, filter="data")
     except (OSError, tarfile.TarError) as e:
         raise UserError(

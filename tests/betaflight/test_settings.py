@@ -40,9 +40,13 @@ def test_settings_that_are_none_are_refused(firmware, tmp_path):
     path.write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(UserError, match="is no text"):
         lines_of(path)
-    path.write_text("# nothing\nbatch start\n")
+    path.write_text("# nothing\nbatch start\nEXIT\nSave\n")
     with pytest.raises(UserError, match="holds no settings"):
         lines_of(path)
+    for much in ("set p_roll = 44\n" * 5001, "#" * 1_100_000 + "\nset p_roll = 44\n"):
+        path.write_text(much)
+        with pytest.raises(UserError, match="too long to be settings"):
+            lines_of(path)
     os.mkfifo(tmp_path / "pipe.txt")  # nobody writes it
     for what in ("missing.txt", "pipe.txt", ""):
         with pytest.raises(UserError, match="cannot be read"):

@@ -34,6 +34,7 @@ class Air(NamedTuple):
 _PACKING = Packing(Air, wind=3)
 as_air, air_vector, AIR_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
 STILL = Air(0.0, 0.0, np.zeros(3))
+STILL_VECTOR = air_vector(STILL)  # for ports that are left open
 
 
 @compilable

@@ -21,7 +21,7 @@ from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air, drag_rate
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, as_air, drag_rate
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
@@ -29,7 +29,6 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
     from airrace.scenario import Scenario
 
-_STILL = air_vector(STILL)
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
 
@@ -176,11 +175,11 @@ class GeometricController(LeafSystem):
             losses, factors if can_fly else self._as_in_file
         )
         estimate = read_vector(self._estimate, context)
-        disturbance, moment, air = _NONE, _NONE, _STILL
+        disturbance, moment, air = _NONE, _NONE, STILL_VECTOR
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
             moment = read_or(_NONE, self._moment, context)
-            air = read_or(_STILL, self._air, context)
+            air = read_or(STILL_VECTOR, self._air, context)
         if can_fly:
             reference = self._reference.Eval(context)
             _lean(reference, disturbance, self._feed_forward, air)

@@ -12,7 +12,7 @@ from airrace.systems.estimation.state_filter import FLYING
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_or, read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air, drag_acceleration
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, as_air, drag_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 if TYPE_CHECKING:  # else an edit of it would have all machine code compiled anew
@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # else an edit of it would have all machine code compiled ane
 _MEMORY = 15.0  # s, over which old flight is forgotten to 1 / e
 _LEAST = 1.0  # s of flight, before which nothing is said
 _TAKE_OFF = 1.0  # s that do not count: disturbances still show that the ground carried the drone
-_STILL = air_vector(STILL)
 _MOST = 0.2  # that a factor is off one: more is another fault
 _STEP = 0.005  # factors are told in steps, so that who computes with them need not do it anew
 
@@ -100,7 +99,7 @@ class RotorLearner(LeafSystem):
         thrusts = self._coefficients * speeds**2
         if thrusts.sum() < FLYING * GRAVITY * self._mass:
             return
-        state, air = as_state(estimate), as_air(read_or(_STILL, self._air, context))
+        state, air = as_state(estimate), as_air(read_or(STILL_VECTOR, self._air, context))
         z_B = rotation_matrix(state.quaternion)[:, 2]
         rest = disturbance - drag_acceleration(state.velocity, z_B, air)
         wrench = np.array((self._mass * dot(rest, z_B), *moment))

@@ -14,7 +14,7 @@ from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_or, read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL, air_vector, as_air, drag_acceleration
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, as_air, drag_acceleration
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -28,7 +28,6 @@ _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
 _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
 MAX_DISTURBANCE = 8.0  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
-_STILL = air_vector(STILL)
 FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
 
@@ -119,7 +118,7 @@ class StateFilter(LeafSystem):
             self._thrust_per_mass * read_or(self._ones, self._factors, context),
             self._gain,
             context.get_time(),
-            read_or(_STILL, self._air, context),
+            read_or(STILL_VECTOR, self._air, context),
         )
 
     def _calc_estimate(self, context, output):

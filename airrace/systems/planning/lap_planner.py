@@ -18,7 +18,7 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
-from airrace.systems.planning.path_clock import CLOCK_SIZE, as_clock
+from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, as_clock
 from airrace.systems.planning.plan_checks import check_plan
 from airrace.systems.ports import read_or
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -27,14 +27,13 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL, Air, air_vector, as_air
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
 _ROUNDING = 1e-12  # s, and of a step
 # Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
 _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
-_STILL = air_vector(STILL)
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03
 # Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
@@ -207,7 +206,7 @@ class LapPlanner(LeafSystem):
 
     def _delay(self, context: Context) -> float:
         """Returns how far the clock of plans is behind (s); all times below are by that clock."""
-        return as_clock(self._clock.Eval(context)).delay if self._clock.HasValue(context) else 0.0
+        return as_clock(read_or(REGULAR_VECTOR, self._clock, context)).delay
 
     def _in_force_from(self, context: Context, latency: float) -> float:
         """Returns when a plan that is searched for now comes into force (s): at an event."""
@@ -321,7 +320,7 @@ class LapPlanner(LeafSystem):
                 start=start,
                 old=old,
                 rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
-                air=_AIR_STEPS * np.round(read_or(_STILL, self._air, context) / _AIR_STEPS),
+                air=_AIR_STEPS * np.round(read_or(STILL_VECTOR, self._air, context) / _AIR_STEPS),
             )
         )
 

@@ -7,7 +7,13 @@ from pydrake.common.value import Value
 
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.planning.path_clock import REGULAR, PathClock, as_clock, clock_vector
+from airrace.systems.planning.path_clock import (
+    REGULAR,
+    REGULAR_VECTOR,
+    PathClock,
+    as_clock,
+    clock_vector,
+)
 from airrace.systems.ports import read_vector
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -57,7 +63,7 @@ class PathGovernor(LeafSystem):
         self._waits = waits
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
-        clock = self.DeclareDiscreteState(clock_vector(REGULAR))
+        clock = self.DeclareDiscreteState(REGULAR_VECTOR)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareStateOutputPort("path_clock", clock)
 

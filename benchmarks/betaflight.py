@@ -1,13 +1,15 @@
 """How well Betaflight flies, and how fast: rates, laps, throttles and pixels.
 
-    python -m benchmarks.betaflight [--quick] [--only steps laps throttle pixels] [--json FILE]
+    python -m benchmarks.betaflight [--quick] [--only steps laps throttle races pixels]
+                                    [--json FILE]
 
 A step is of 3 rad/s, or 1 rad/s of yaw, of a free body with the drone's inertia and rotors, at the
 thrust of a hover. Laps are flown on the known map of student-airrace, with the IMU's noise, within
 the limits of the rotors, by five sets of settings. Held on a table, how much of a thrust there is
-with what bends the way to it: thrust_linear, and a battery. Races from pixels are flown by turns
-with the controller that drives the motors itself, and with Betaflight: the ratio of their times is
-of one computer, at one time. It takes what `airrace betaflight build` builds.
+with what bends the way to it: thrust_linear, and a battery. Races are flown with the controller
+that drives the motors itself, and with Betaflight, to compare their laps; and short ones from
+pixels by turns: the ratio of their times is of one computer, at one time. It takes what `airrace
+betaflight build` builds.
 """
 
 import contextlib
@@ -75,7 +77,14 @@ _THROTTLES = (
 )
 _LOADS = 0.5, 1.0, 2.0, 3.0  # weights of the drone
 _HELD = 300  # steps, of each load
-SECTIONS = "steps", "laps", "throttle", "pixels"
+# Fields of races that are to go as without Betaflight.
+_RACES = {
+    "from pixels": "laps: 10",
+    "from pixels, vio": "laps: 3, estimator: vio",
+    "rotor limits, known map": f"{_ROTOR}laps: 3, map: track, camera: {{renderer: none}}",
+}
+_BOTH = "internal", "betaflight"
+SECTIONS = "steps", "laps", "throttle", "races", "pixels"
 
 
 def main(argv=None) -> int:
@@ -108,13 +117,24 @@ def measure(args) -> dict:
             ]
         if "throttle" in args.only:
             figures["throttle"] = throttles()
+    if "races" in args.only:
+        figures["races"] = [
+            {"race": name, "flight controller": both} | _fly_with(both, fields)
+            for name, fields in _RACES.items()
+            for both in _BOTH
+        ]
     if "pixels" in args.only:
         figures["pixels"] = [
-            {"flight controller": name} | race(f"{{laps: 1, flight_controller: {name}}}")
+            {"flight controller": both} | _fly_with(both, "laps: 1")
             for _ in range(laps)
-            for name in ("internal", "betaflight")
+            for both in _BOTH
         ]
     return figures
+
+
+def _fly_with(flight_controller: str, fields: str) -> dict:
+    light = "recording: {content: light}"
+    return race(f"{{{fields}, {light}, flight_controller: {flight_controller}}}")
 
 
 def throttles() -> list[dict]:
@@ -230,11 +250,14 @@ def show(figures: dict) -> tuple[list, bool]:
         }
         rows = [row | {t: 1e3 * row[t] for t in ("t63", "t90")} for row in figures["steps"]]
         tables.append(make_table("Steps of the rates", rows, columns))
-    titles = {"laps": "Laps within the limits of the rotors", "pixels": "Races from pixels"}
+    titles = {
+        "laps": "Laps within the limits of the rotors",
+        "races": "Races with either",
+        "pixels": "Races from pixels by turns",
+    }
     for section in (each for each in titles if each in figures):
-        first = "flight controller" if section == "pixels" else "set"
-        columns = {
-            first: f"{{{first}}}",
+        firsts = [x for x in ("set", "race", "flight controller") if x in figures[section][0]]
+        columns = {x: f"{{{x}}}" for x in firsts} | {
             "laps": "{flown}",
             "mean lap (s)": "{mean_lap:.2f}",
             "RMS (cm)": "{rms:.1f}",

@@ -33,7 +33,10 @@ BENCHMARKS = {
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "original": ("original", "--workers", "{workers}"),
-    "oracle": ("oracle", "--workers", "{workers}"),
+    "oracle": (
+        *("oracle", "--plan-only", "--only"),
+        *("reference", "hexagon", "19-waypoints", "19-gates", "7-shapes"),
+    ),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),
     "mapping": ("mapping",),

@@ -11,7 +11,7 @@ the camera's view. It is found on two meshes, of which the second is twice as fi
 agree, the optimum is that of the drone, not of the mesh. `19-waypoints`, `19-gates` and
 `7-shapes` are published courses from rest to rest, with a published quadrotor, and only planned.
 
-`--drag 1` is all of the drone's drag: flown and optimal laps have it, planned ones know of none.
+`--drag 1` is all of the drone's drag: planned and optimal laps know of it, flown ones learn it.
 The optimum takes CasADi: `pip install 'airrace[benchmarks]'`.
 """
 
@@ -33,6 +33,8 @@ from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.track import load_track
 from airrace.track.map_files import true_map
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
+from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import Air, air_vector
 from benchmarks import harness, published_courses
 from benchmarks.harness import make_table
 from benchmarks.published_courses import COURSES
@@ -197,7 +199,7 @@ def _scenario(track: str, args) -> Scenario:
 
 def _laps(scenario: Scenario) -> TimeOptimalLaps:
     """Returns what plans the laps of such a race once the map is known."""
-    gate_map = true_map(load_track(scenario.track))
+    gate_map, vehicle = true_map(load_track(scenario.track)), load_vehicle(scenario.drone)[0]
     request = PlanRequest(
         start_time=0.0,
         gates=gate_map.gates,
@@ -205,8 +207,19 @@ def _laps(scenario: Scenario) -> TimeOptimalLaps:
         margins=pylon_margins(gate_map.gates, gate_map.markers),
         start=np.zeros((5, 4)),
         old=NO_PLAN,
+        rotor_factors=np.ones(len(vehicle.rotors)),
+        air=_air(vehicle, scenario.disturbances.drag),
     )
     return TimeOptimalLaps(LapPlanner.from_scenario(scenario).problem_of(request))
+
+
+def _air(vehicle: Vehicle, share: float) -> np.ndarray:
+    """Returns the vector of the Air in which a share of a vehicle's drag acts, without wind."""
+    linear, quadratic = (
+        share * np.array(c) / vehicle.mass for c in (vehicle.drag.linear, vehicle.drag.quadratic)
+    )
+    axial = linear[2] - linear[0], quadratic[2] - quadratic[0]
+    return air_vector(Air(linear[0], quadratic[0], np.zeros(3), *axial))
 
 
 def _flown(scenario: Scenario) -> float:

@@ -27,7 +27,7 @@ _IMPROVEMENTS = {
     "our controller, with feed-forward": """{
         controller: {feed_forward: true, disturbance_rejection: true, attitude_error: reduced,
                      gains: vehicle, rotor_overdrive: true, rate: 500},
-        state_filter: {enabled: true}}""",
+        state_filter: {enabled: true}, planner: {waits: true}}""",
     "corners refitted, gates as one body": "{perception: {corners: refit, poses: gate}}",
     "robust map": """{perception: {map_estimator: robust, jump_filter: true, max_range: 30,
                                    min_observations: 5}}""",

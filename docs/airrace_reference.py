@@ -37,6 +37,7 @@ from airrace.league.page import PAGE, write_page
 from airrace.scenario import Scenario, imu_config
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
+from airrace.systems.estimation.air_learner import AirLearner
 from airrace.systems.estimation.rotor_learner import RotorLearner
 
 _MEASUREMENTS = Path(__file__).parent / "measurements"
@@ -254,6 +255,7 @@ def port_meanings(scenario: Scenario) -> dict[str, tuple[float | None, str, str]
             "",
             "by what the thrust of each rotor, as in the drone's file, is to be multiplied",
         ),
+        "air": (AirLearner.RATE, "", "Air: drag by mass (1/s, 1/m), and the wind (m/s)"),
         "path_clock": (control, "", "PathClock: how far plans wait for the drone"),
         "rotor_speeds": (rotors, "", "as measured, one a rotor (rad/s)"),
         "rotor_status": (

@@ -26,7 +26,7 @@ _PAGE = "course_report.html"
 
 
 class Passage(NamedTuple):
-    """How the drone came to a gate, or where it was nearest to it."""
+    """How the drone crossed the plane of a gate; NaN, and words, if it never did."""
 
     gate: int  #: from 1
     counted: bool  #: whether the referee counted it
@@ -55,7 +55,7 @@ def make_course_report(folder: Path) -> str:
     state = read_signals(log)["state"]
     path = _flown(state, result["start_s"])
     gates = passages(track, path, result["gates_passed"])
-    title = "The course from above and from the side"
+    title = "The course from above, and heights over time"
 
     def draw(sheet: Sheet) -> "Figure":
         return course_figure(track, path, gates, sheet.width)
@@ -81,7 +81,7 @@ def passages(track: Course, path: np.ndarray, counted: int) -> list[Passage]:
         track: with the gates.
         path: rows of time, position and velocity, (n, 7).
         counted: how many gates the referee counted; of the others, the nearest crossing of their
-            planes is told, whenever it was, or if there is none, the nearest place.
+            planes is told, whenever it was, or if there is none, how near the drone came.
     """
     found, since = [], -np.inf
     for i, gate in enumerate(track.gates):
@@ -99,10 +99,10 @@ def _passage(number: int, opening: Opening, path: np.ndarray, counted: bool) -> 
         return Passage(number, False, np.nan, np.nan, np.nan, np.nan, "never flown to")
     crossed = np.flatnonzero((offsets[:-1, 0] < 0.0) & (offsets[1:, 0] >= 0.0))
     if len(crossed) == 0:
-        i = int(np.linalg.norm(offsets, axis=1).argmin())
-        what = f"not reached: {np.linalg.norm(offsets[i]):.1f} m off at best"
-        _, right, up = offsets[i]
-        return Passage(number, False, path[i, 0], right, up, speeds[i], what)
+        distances = np.linalg.norm(offsets, axis=1)
+        i = int(distances.argmin())
+        what = f"not reached: {distances[i]:.1f} m off at best, at {path[i, 0]:.1f} s"
+        return Passage(number, False, np.nan, np.nan, np.nan, np.nan, what)
     before, after = offsets[crossed], offsets[crossed + 1]
     shares = before[:, 0] / (before[:, 0] - after[:, 0])
     places = (before + shares[:, None] * (after - before))[:, 1:]
@@ -127,7 +127,8 @@ def _where(right: float, up: float, opening: Opening) -> str:
         aside = abs(right) - opening.half_width
         words.append(f"{aside:.2f} m to the {'right' if right > 0 else 'left'}")
     frame = max(abs(right), abs(up)) < OUTER / 2
-    return " and ".join(words) + " of the opening" + (", on the frame" if frame else "")
+    of = " of" if abs(right) > opening.half_width else ""
+    return " and ".join(words) + f"{of} the opening" + (", on the frame" if frame else "")
 
 
 def course_figure(
@@ -137,8 +138,11 @@ def course_figure(
     from airrace.analysis.figure_style import FAINT, INK, make_figure
     from airrace.track.plot import draw_gates
 
-    figure = make_figure(width, 3 + 2 * width / 3)
-    plan, side = figure.subplots(2, 1, height_ratios=[3, 1])
+    gates_at = [gate.p_WG[:2] for gate in track.gates]
+    reach = np.ptp(np.vstack([path[:, 1:3], gates_at, track.start.position[:2]]), axis=0) + OUTER
+    plan_height = np.clip(width * reach[1] / reach[0], 1.5, width)
+    figure = make_figure(width, plan_height + 2.5)
+    plan, side = figure.subplots(2, 1, height_ratios=[plan_height, 2.0])
     plan.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     draw_gates(plan, track, FAINT, FAINT)
     plan.plot(path[:, 1], path[:, 2], color=INK, lw=1.4)

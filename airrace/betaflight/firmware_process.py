@@ -8,10 +8,11 @@ import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from airrace.betaflight.firmware import Firmware
+from airrace.betaflight.firmware import BUILD_AGAIN, Firmware
 from airrace.common.errors import UserError
 from airrace.common.held_folders import temporary_folder
 from airrace.common.processes import ending
@@ -25,15 +26,18 @@ _MOTORS = np.dtype([("count", "<u2"), ("unused", "<u2"), ("outputs", "<f4", 16)]
 _PORT = struct.Struct("<I")
 _PATIENCE = 20.0  # s, that a step may take on a busy computer
 _AT_ONCE = 50  # steps that it is told of at once: sockets have room for them
-_WARM_UP, _TIMED = 0.5, 500  # s, and steps, of steps_a_second()
+# Of measure_pace(): s, steps at once, steps in real time, and s between these.
+_WARM_UP, _AT_ONE_GO, _TIMED, _BREAK = 0.5, 500, 300, 0.0009
 _PRESSURE = 101325.0  # Pa
 REST = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 9.81))  # what an IMU shows at rest
+LEVEL = np.array((1.0, 0.0, 0.0, 0.0))  # an attitude
 
 
-# Rates are told in axes that point forward, right and down. Accelerations are what a sensor in B
-# shows, with the opposite sign.
+# Rates and attitudes are told in axes that point forward, right and down. Accelerations are what a
+# sensor in B shows, with the opposite sign.
 _SIGNS = np.array((1.0, -1.0, -1.0, -1.0, -1.0, -1.0))
-_IMU, _LEVEL = slice(1, 7), 7  # among the sensors: Betaflight's rate mode uses no attitude
+_TURNED = np.array((1.0, 1.0, -1.0, -1.0))  # quaternions
+_IMU, _ATTITUDE = slice(1, 7), slice(7, 11)  # among the sensors
 
 
 class FirmwareProcess:
@@ -59,10 +63,12 @@ class FirmwareProcess:
         self.problem: str | None = None
         self.port: int | None = None
         self._answers = 1  # that are to come: at first, of its start
-        self._motors = np.zeros(CHANNELS)
+        self._motors: np.ndarray = np.zeros(CHANNELS)
         self._step = np.zeros((), _STEP)
-        self._sensors, self._channels = self._step["sensors"], self._step["channels"]
-        self._sensors[[_LEVEL, -1]] = 1.0, _PRESSURE
+        sensors, self._channels = self._step["sensors"], self._step["channels"]
+        self._imu, self._attitude = sensors[_IMU], sensors[_ATTITUDE]
+        sensors[-1] = _PRESSURE
+        self._answer = np.zeros((), _MOTORS)
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(_PATIENCE)
         with other:
@@ -84,7 +90,9 @@ class FirmwareProcess:
                     )
             except OSError as e:
                 self._socket.close()
-                raise UserError(f"{firmware.program} cannot be run: {e.strerror}.") from None
+                raise UserError(
+                    f"{firmware.program} cannot be run ({e.strerror}): {BUILD_AGAIN}."
+                ) from None
 
     def close(self) -> None:
         """Ends the process."""
@@ -108,20 +116,25 @@ class FirmwareProcess:
         except OSError:  # where the computer prefers the other loopback
             return socket.create_connection(("::1", self.port or 0))
 
-    def begin_step(self, imu: np.ndarray, channels: Sequence[int]) -> None:
+    def begin_step(
+        self, imu: np.ndarray, channels: Sequence[int], attitude: np.ndarray = LEVEL
+    ) -> None:
         """Lets the firmware run for a step; end_step() is to be called before the next one.
-
-        It is told of its IMU, and of nothing else that is true.
 
         Args:
             imu: angular velocity (rad/s) and specific force (m/s^2) in the axes of B, (6,).
             channels: of the radio, 1000 to 2000, 16 numbers.
+            attitude: R_WB as a quaternion, (4,): this firmware has no filter that finds it. Its
+                rate mode uses none.
         """
         if self.problem is None:
-            np.multiply(imu, _SIGNS, out=self._sensors[_IMU])
+            np.multiply(imu, _SIGNS, out=self._imu)
+            np.multiply(attitude, _TURNED, out=self._attitude)
             self._channels[:] = channels
-            with contextlib.suppress(OSError):  # end_step() says what is wrong
+            try:
                 self._socket.send(self._step)
+            except OSError:
+                pass  # end_step() says what is wrong
             self._answers += 1
 
     def end_step(self) -> np.ndarray:
@@ -130,20 +143,20 @@ class FirmwareProcess:
         A firmware that does not answer has a ``problem``, and its motors get nothing.
         """
         while self._answers and self.problem is None:
-            message = b""
+            size = 0
             try:
-                message = self._socket.recv(4096)
+                size = self._socket.recv_into(self._answer)
             except TimeoutError:
                 self.problem = f"Betaflight has not answered for {_PATIENCE:g} s"
                 break
             except OSError:  # as at the end
                 pass
-            if not message:
+            if not size:
                 self.problem = f"Betaflight {ending(self._process.wait())}"
-            elif len(message) == _PORT.size:
-                (self.port,) = _PORT.unpack(message)
+            elif size == _PORT.size:
+                (self.port,) = _PORT.unpack_from(self._answer)
             else:
-                self._motors = np.frombuffer(message, _MOTORS)["outputs"][0].astype(float)
+                self._motors = self._answer["outputs"].astype(float)
                 self._answers -= 1
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 
@@ -172,8 +185,16 @@ class FirmwareProcess:
         return self._motors if self.problem is None else np.zeros(CHANNELS)
 
 
-def steps_a_second(firmware: Firmware) -> float:
-    """Returns how many steps a firmware makes in a second, if nothing else is to be done.
+class Pace(NamedTuple):
+    """How fast a firmware makes its steps, if nothing else is to be done."""
+
+    steps: float  #: a second, one after the other
+    in_time: float  #: share of those that were to begin each millisecond, and ended within it
+    p99: float  #: what 99 % of these took at most, from when they were to begin (s)
+
+
+def measure_pace(firmware: Firmware) -> Pace:
+    """Measures the pace of a firmware; it takes half a second.
 
     Raises:
         UserError: if it does not run.
@@ -182,9 +203,19 @@ def steps_a_second(firmware: Firmware) -> float:
         with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
             process.hold(_WARM_UP, NO_RADIO)
             begin = time.perf_counter()
-            for _ in range(_TIMED):
+            for _ in range(_AT_ONE_GO):
                 process.step(NO_RADIO)
             spent = time.perf_counter() - begin
+            took = np.array([_timed_step(process) for _ in range(_TIMED)])
             if process.problem is not None:
-                raise UserError(f"{process.problem}: `airrace betaflight build` makes it anew.")
-    return _TIMED / spent
+                raise UserError(f"{process.problem}: {BUILD_AGAIN}.")
+    in_time = float(np.mean(took < PERIOD))
+    return Pace(_AT_ONE_GO / spent, in_time, float(np.quantile(took, 0.99)))
+
+
+def _timed_step(process: FirmwareProcess) -> float:
+    """Waits as for the next step in real time; returns how long it then takes (s)."""
+    due = time.perf_counter() + _BREAK
+    time.sleep(_BREAK)
+    process.step(NO_RADIO)
+    return time.perf_counter() - due

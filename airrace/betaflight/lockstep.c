@@ -7,8 +7,10 @@
  *
  * Links: of the firmware's UDP ports, none is opened. One inherited socket, whose number is in
  * AIRRACE_LOCKSTEP_FD, carries a Step to the firmware, and the Motors of the step before back. The
- * firmware's two reader threads get a Step's parts one after the other while the main thread
- * waits. Its serial ports (TCP) are on loopback alone, at free ports; the first one's number, four
+ * firmware has two threads that read them. Each handing over to a thread and back would wait for
+ * its turn on a busy computer, some times a step. So these two are no threads here: what they are
+ * to do is done on the main thread, on a stack of its own, while the main thread waits for it in
+ * any case. Its serial ports (TCP) are on loopback alone, at free ports; the first one's number, four
  * bytes, is told on the socket. When the other end is closed, the process ends.
  */
 #define _GNU_SOURCE
@@ -23,10 +25,12 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 #include <time.h>
+#include <ucontext.h>
 #include <unistd.h>
 
 enum { TICK = 1000, STEP = 1000000, SECOND = 1000000000 };           /* ns */
-enum { PATIENCE = 100000 };                                          /* us */
+enum { PATIENCE = 100000000 };                                       /* ns */
+enum { READERS = 2, STACK = 256 * 1024 };
 enum { MOTORS_PORT = 9001, STATE_PORT = 9003, RC_PORT = 9004, FIRST_UART = 5761 };
 
 typedef struct {
@@ -45,20 +49,22 @@ typedef struct {
     float outputs[16];
 } Motors;
 typedef struct {
-    int fd, full, idle;  /* of its reader thread: has it a packet to read, does it wait for one */
+    int fd;
     const void *packet;
     size_t size;
+    ucontext_t reader;  /* where it goes on when there is a packet */
 } Link;
 
 /* Held by the main thread while it runs, and by the thread of the serial ports while it does
  * anything but wait: the firmware itself does not keep these two apart. */
 static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
 static __thread int has_turn;
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
-static pthread_cond_t changed = PTHREAD_COND_INITIALIZER;
 static Link rc_link = {.fd = -1}, state_link = {.fd = -1};
+static ucontext_t main_thread;
+static char stacks[READERS][STACK];
+static int readers;              /* that have begun */
 static int channel = -1;
-static __thread int is_main;
+static __thread int is_main;     /* and no reader on its thread */
 static int64_t now, step_end;  /* ns */
 static Motors motors;
 
@@ -82,15 +88,46 @@ __attribute__((constructor)) static void begin(void)
     pthread_create(&thread, NULL, watch, NULL);
 }
 
+/* Lets a reader go on until it waits for its next packet. */
+static void run(ucontext_t *reader)
+{
+    is_main = 0;
+    swapcontext(&main_thread, reader);
+    is_main = 1;
+}
+
 static void deliver(Link *link, const void *packet, size_t size)
 {
-    pthread_mutex_lock(&mutex);
     link->packet = packet;
     link->size = size;
-    link->full = 1;
-    pthread_cond_broadcast(&changed);
-    while (link->full || !link->idle) pthread_cond_wait(&changed, &mutex);
-    pthread_mutex_unlock(&mutex);
+    run(&link->reader);
+}
+
+/* What makes threads: of the firmware's, those after its links are their readers. */
+int pthread_create(
+    pthread_t *thread, const pthread_attr_t *attributes, void *(*routine)(void *), void *argument)
+{
+    int (*real)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *) =
+        dlsym(RTLD_NEXT, "pthread_create");
+    if (rc_link.fd < 0 || state_link.fd < 0 || readers == READERS)
+        return real(thread, attributes, routine, argument);
+    ucontext_t reader;
+    getcontext(&reader);
+    reader.uc_stack.ss_sp = stacks[readers];
+    reader.uc_stack.ss_size = STACK;
+    reader.uc_link = &main_thread;
+    makecontext(&reader, (void (*)(void))routine, 0); /* it needs no argument */
+    run(&reader);
+    *thread = (pthread_t)stacks[readers++];
+    return 0;
+}
+
+int pthread_join(pthread_t thread, void **result)
+{
+    int (*real)(pthread_t, void **) = dlsym(RTLD_NEXT, "pthread_join");
+    for (int i = 0; i < readers; i++)
+        if (thread == (pthread_t)stacks[i]) return 0;
+    return real(thread, result);
 }
 
 static void take_step(void)
@@ -113,7 +150,7 @@ static void take_step(void)
 static void advance(int64_t duration)
 {
     now += duration;
-    while (now >= step_end && rc_link.fd >= 0 && state_link.fd >= 0) take_step();
+    while (now >= step_end && readers == READERS) take_step();
 }
 
 int clock_gettime(clockid_t clock, struct timespec *time)
@@ -162,11 +199,11 @@ static Link *link_of(int fd)
     return fd == rc_link.fd ? &rc_link : fd == state_link.fd ? &state_link : NULL;
 }
 
-static struct timespec time_limit(long microseconds)
+static struct timespec time_limit(void)
 {
     struct timespec limit;
     clock_gettime(CLOCK_REALTIME, &limit);
-    limit.tv_nsec += microseconds * 1000;
+    limit.tv_nsec += PATIENCE;
     limit.tv_sec += limit.tv_nsec / SECOND;
     limit.tv_nsec %= SECOND;
     return limit;
@@ -178,7 +215,7 @@ static int select_serial_ports(
     int (*real)(int, fd_set *, fd_set *, fd_set *, struct timeval *) = dlsym(RTLD_NEXT, "select");
     if (has_turn) pthread_mutex_unlock(&turn);
     int ready = real(n, reads, writes, errors, timeout);
-    struct timespec limit = time_limit(PATIENCE); /* for a main thread that waits for this one */
+    struct timespec limit = time_limit(); /* for a main thread that waits for this one */
     has_turn = pthread_mutex_timedlock(&turn, &limit) == 0;
     return ready;
 }
@@ -187,16 +224,8 @@ int select(int n, fd_set *reads, fd_set *writes, fd_set *errors, struct timeval 
 {
     Link *link = n > 0 && !writes ? link_of(n - 1) : NULL;
     if (!link) return select_serial_ports(n, reads, writes, errors, timeout);
-    struct timespec limit = time_limit(PATIENCE); /* so that a firmware that reboots can end it */
-    pthread_mutex_lock(&mutex);
-    link->idle = 1;
-    pthread_cond_broadcast(&changed);
-    int late = 0;
-    while (!link->full && !late) late = pthread_cond_timedwait(&changed, &mutex, &limit);
-    link->idle = 0;
-    int ready = link->full;
-    pthread_mutex_unlock(&mutex);
-    return ready;
+    swapcontext(&link->reader, &main_thread);
+    return 1;
 }
 
 ssize_t recvfrom(
@@ -204,11 +233,8 @@ ssize_t recvfrom(
 {
     Link *link = link_of(fd);
     if (!link) return syscall(SYS_recvfrom, fd, data, size, flags, source, length);
-    pthread_mutex_lock(&mutex);
     if (size > link->size) size = link->size;
     memcpy(data, link->packet, size);
-    link->full = 0;
-    pthread_mutex_unlock(&mutex);
     return (ssize_t)size;
 }
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from airrace.betaflight.firmware import Firmware
+from airrace.betaflight.firmware import BUILD_AGAIN, Firmware
 from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, FirmwareProcess
 from airrace.common.errors import UserError
+from airrace.common.files import read_regular
 from airrace.common.processes import ending
 from airrace.common.words import count, printable
 
@@ -20,11 +21,12 @@ _PROMPT = b"\n# "
 _REFUSED = re.compile(r"###ERROR(?: IN \w+)?: *(.*?)###")
 _SAVED = f"Betaflight {ending(0)}"  # what becomes of the process when its settings are saved
 # They end the command line, or begin and end what is given as one: it is, in any case.
-_NOT_GIVEN = ("batch", "save", "exit", "quit")
+_NOT_GIVEN = ("batch", "save", "exit", "quit", "bl", "reboot")
 _BOOT = 0.5  # s, of its own time, until the firmware has opened its command line
 _PATIENCE = 20.0  # s, of its own time, for an answer
 _POLL = 0.0002  # s, to wait for an answer between two steps
 _LONGEST = 200  # characters of a line that are read
+_MOST, _MOST_LINES = 1 << 20, 5000  # bytes of a file, and lines: a dump has 40 000 and 1500
 
 
 class Refused(NamedTuple):
@@ -38,13 +40,13 @@ class Refused(NamedTuple):
 
 
 def lines_of(path: Path) -> list[str]:
-    """Returns the lines of a file of settings, without comments.
+    """Returns the lines of a file of settings, without comments; at least one.
 
     Raises:
-        UserError: if it cannot be read as text.
+        UserError: if it cannot be read as text, or holds none.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, _MOST + 1).decode()
     except UnicodeDecodeError:
         raise UserError(
             f"{path} is no text: it must hold lines of Betaflight's command line, as `diff all` "
@@ -52,8 +54,18 @@ def lines_of(path: Path) -> list[str]:
         ) from None
     except OSError as e:
         raise UserError(f"{path} cannot be read ({e.strerror}): name a file of settings.") from None
-    lines = (line.partition("#")[0].strip()[:_LONGEST] for line in text.splitlines())
-    return [line for line in lines if line and line.split()[0] not in _NOT_GIVEN]
+    all_lines = (line.partition("#")[0].strip()[:_LONGEST] for line in text.splitlines())
+    lines = [line for line in all_lines if line and line.split()[0].lower() not in _NOT_GIVEN]
+    if len(text) > _MOST or len(lines) > _MOST_LINES:
+        raise UserError(
+            f"{path} is too long to be settings: give what `diff all` prints, at most "
+            f"{_MOST_LINES} lines."
+        )
+    if not lines:
+        raise UserError(
+            f"{path} holds no settings: it must hold lines of Betaflight's command line."
+        )
+    return lines
 
 
 def configure(firmware: Firmware, source: Path, folder: Path) -> tuple[str, list[Refused]]:
@@ -79,7 +91,7 @@ def configure(firmware: Firmware, source: Path, folder: Path) -> tuple[str, list
                 for line in lines
                 if (found := _REFUSED.search(ask(line)))
             ]
-            if lines and len(refused) == len(lines):
+            if len(refused) == len(lines):
                 raise UserError(
                     f"Betaflight takes none of the {count(len(lines), 'line')} of {source}, such "
                     f"as {refused[0]}: it must hold lines of its command line."
@@ -105,7 +117,7 @@ def _command_line(process: FirmwareProcess) -> Iterator[Callable[[str], str]]:
     """
     process.hold(_BOOT, NO_RADIO)
     if process.port is None:
-        raise UserError(f"{process.problem or 'Betaflight has no command line'}.")
+        raise UserError(f"{process.problem or 'Betaflight has no command line'}: {BUILD_AGAIN}.")
     with process.connect() as connection:
         connection.settimeout(_POLL)
 
@@ -116,7 +128,10 @@ def _command_line(process: FirmwareProcess) -> Iterator[Callable[[str], str]]:
             for _ in range(round(_PATIENCE / PERIOD)):
                 process.step(NO_RADIO)
                 if process.problem is not None:
-                    raise _Ended(f"{process.problem}, after '{line}' of its settings.")
+                    raise _Ended(
+                        f"{process.problem}, after '{printable(line)}' of its settings: leave that "
+                        "line out."
+                    )
                 with contextlib.suppress(OSError):  # there is nothing yet
                     answer += connection.recv(65536)
                 if mark in answer and answer.endswith(_PROMPT):

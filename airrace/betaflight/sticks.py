@@ -2,11 +2,12 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
+from typing import ClassVar
 
 import numpy as np
 
-from airrace.betaflight.firmware_process import CHANNELS, NO_RADIO, REST, FirmwareProcess
+from airrace.betaflight.firmware_process import CHANNELS, LEVEL, NO_RADIO, REST, FirmwareProcess
 from airrace.betaflight.settings import values_of
 from airrace.common.errors import UserError
 from airrace.common.jit import compilable, compiled
@@ -19,16 +20,15 @@ _NO_SIGNAL = 800  # below rx_min_usec
 _HALF = _HIGH - _MIDDLE
 _TABLE = np.linspace(0.0, 1.0, 1001)  # deflections of a stick
 _AXES = "roll", "pitch", "yaw"
-# Settings of which only one value can be flown.
-_AS_THEY_ARE = {"rates_type": "ACTUAL", "thr_expo": "0", "throttle_limit_type": "OFF"}
 _MOTOR_CURVE = {"motor_idle": 1e4, "thrust_linear": 1e2}  # by how much they are more than a share
 _NEEDED = (
     {"yaw_motors_reversed", "min_check", "deadband", "yaw_deadband"}
-    | _AS_THEY_ARE.keys()
     | _MOTOR_CURVE.keys()
     | {f"{axis}_{name}" for axis in _AXES for name in ("rc_rate", "srate", "expo")}
 )
-_ARM = re.compile(r"^aux \d+ 0 (\d+) (\d+) (\d+)", re.MULTILINE)
+_MODE = re.compile(r"^aux \d+ (\d+) (\d+) (\d+) (\d+)", re.MULTILINE)
+_ARM = 0  # number of the mode
+Read = Callable[[], np.ndarray]  # reads a vector that not all sticks need: that takes time
 # Of Betaflight's motors 1 to 4: where they are seen from above, ahead and to the left. Motors 5
 # to 8 are under them.
 _PLACES = ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -42,42 +42,79 @@ class Sticks:
         rotors: how many there are.
     """
 
+    # Settings of which only one value can be flown: the loop is to get just what is commanded.
+    _ONLY: ClassVar[Mapping[str, str]] = {
+        "rates_type": "ACTUAL",
+        "thr_expo": "0",
+        "throttle_limit_type": "OFF",
+        "rc_smoothing": "OFF",
+        **{f"f_{axis}": "0" for axis in _AXES},
+    }
+    _MODES: ClassVar[Mapping[int, str]] = {_ARM: "arms"}  # what their channels do, by their numbers
+
     def __init__(self, dump: str, vehicle: Vehicle):
         """Args: dump: the settings, see configure(). vehicle: the drone.
 
         Raises:
             UserError: if the settings cannot be flown by thrust and rates, or not this drone.
         """
-        values = values_of(dump)
-        if missing := _NEEDED - values.keys():
-            raise UserError(
-                f"Betaflight's settings do not say {', '.join(sorted(missing))}: it is another "
-                "Betaflight than the one of `airrace betaflight build`."
-            )
-        self._order = _motors_of(vehicle, dump)
+        values = needed_values(dump, _NEEDED | self._ONLY.keys())
+        self._order = _motors_of(vehicle)
         self.rotors = len(self._order)
-        _check_directions(vehicle, self._order, values["yaw_motors_reversed"] == "ON")
+        if missing := [*self._missing_lines(dump, values, vehicle)]:
+            raise UserError(
+                f"Betaflight's settings cannot fly the {vehicle.name}: add {', '.join(missing)}."
+            )
         self._max_speeds = vehicle.max_speeds
         self._most = float(vehicle.max_thrusts.sum())
-        for name, value in _AS_THEY_ARE.items():
-            if values[name] != value:
-                raise UserError(
-                    f"Betaflight's settings have {name} = {values[name]}: set it to {value}."
-                )
         motors = _motor_speeds(*(int(values[n]) / w for n, w in _MOTOR_CURVE.items()))
         self._curves = np.array([*(_rates(axis, values) for axis in _AXES), motors])
         names = "deadband", "deadband", "yaw_deadband", "min_check"
         self._limits = np.array([*(float(values[name]) for name in names), self._most])
-        self._arm, self._armed = _arm_channel(dump)
+        self._switches = (CHANNELS - 4) * [_LOW]  # what the other channels are, when it is armed
+        for mode in self._MODES:
+            channel, position = _switches(dump)[mode]
+            self._switches[channel] = position
+        self._arm = 4 + _switches(dump)[_ARM][0]
         self._whole = np.zeros(4, int)
         self._left = np.zeros(4)  # of what was wanted, that whole numbers could not say yet
 
+    def _missing_lines(
+        self, dump: str, values: Mapping[str, str], vehicle: Vehicle
+    ) -> Iterator[str]:
+        """Yields the lines that settings lack, so that they can be flown."""
+        mixer = f"mixer {_MIXERS[self.rotors]}"
+        if f"\n{mixer}\n" not in f"\n{dump}":
+            yield f"`{mixer}`"
+        only = {**self._ONLY, "yaw_motors_reversed": _reversal(vehicle, self._order)}
+        for name, value in only.items():
+            if values[name] != value:
+                yield f"`set {name} = {value}` (it is {values[name]})"
+        for mode, what in self._MODES.items():
+            if mode not in _switches(dump):
+                yield f"`aux {mode} {mode} {mode} 1700 2100 0 0` (a channel that {what})"
+
     def at_rest(self, armed: bool) -> list[int]:
         """Returns channels of the radio, with its throttle down."""
-        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *(CHANNELS - 4) * [_LOW]]
-        if armed:
-            channels[self._arm] = self._armed
+        channels = [_MIDDLE, _MIDDLE, _LOW, _MIDDLE, *self._switches]
+        if not armed:
+            channels[self._arm] = _LOW
         return channels
+
+    def shown_attitude(self, read_state: Read) -> np.ndarray:
+        """Returns the attitude that the firmware is told, see begin_step(); here, it uses none.
+
+        Args: read_state: returns the plant's, the true one, (13,).
+        """
+        return LEVEL
+
+    def command_of(self, rates: np.ndarray, read_estimate: Read) -> np.ndarray:
+        """Returns what channels() takes, (4,), for thrust and rates; here, these themselves.
+
+        Args: rates: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,).
+        read_estimate: returns the vector of the drone's estimated State, (14,).
+        """
+        return rates
 
     def no_signal(self) -> list[int]:
         """Returns channels of a radio that hears nothing: no value that a stick could have."""
@@ -96,13 +133,11 @@ class Sticks:
         average nothing is.
 
         Args:
-            command: [f, w_x, w_y, w_z], total thrust (N) and rates in B (rad/s), (4,).
+            command: see command_of(), (4,).
             supply: the battery's voltage, see Pack.
         """
         _set_sticks(self._whole, self._left, command, supply, self._curves, self._limits)
-        channels = self.at_rest(armed=True)
-        channels[:4] = self._whole.tolist()
-        return channels
+        return [*self._whole.tolist(), *self._switches]
 
     def rotor_speeds(self, outputs: np.ndarray, supply: float = 1.0) -> np.ndarray:
         """Returns the rotor speeds (rad/s) that the motors make for, (n,).
@@ -206,7 +241,7 @@ def _motor_speeds(idle: float, linear: float) -> np.ndarray:
     return idle + (1.0 - idle) * mixed * (1.0 + linear * (1.0 - mixed) ** 2)
 
 
-def _motors_of(vehicle: Vehicle, dump: str) -> np.ndarray:
+def _motors_of(vehicle: Vehicle) -> np.ndarray:
     """Returns for each rotor which of Betaflight's motors it is, from 0, (n,)."""
     places = [tuple(np.sign(rotor.position[:2]).astype(int)) for rotor in vehicle.rotors]
     # Of two rotors at a place, the lower one is under the other.
@@ -222,28 +257,34 @@ def _motors_of(vehicle: Vehicle, dump: str) -> np.ndarray:
             f"Betaflight flies four or eight rotors on arms that make an X, which the "
             f"{vehicle.name} has not: race it with `--flight_controller internal`."
         )
-    mixer = _MIXERS[len(order)]
-    if f"\nmixer {mixer}\n" not in f"\n{dump}":
-        raise UserError(
-            f"Betaflight's settings are not for the rotors of the {vehicle.name}: add the line "
-            f"`mixer {mixer}`."
-        )
     return np.array(order)
 
 
-def _check_directions(vehicle: Vehicle, order: np.ndarray, is_reversed: bool) -> None:
-    """Refuses rotors that turn the other way: yaw would run away.
+def _reversal(vehicle: Vehicle, order: np.ndarray) -> str:
+    """Returns what yaw_motors_reversed must be: with the other value, yaw would run away.
 
-    Args: order: see _motors_of(). is_reversed: whether motor 1 turns counter-clockwise.
+    It is ON where motor 1 turns counter-clockwise. Args: order: see _motors_of().
     """
-    first, second = ("ccw", "cw") if is_reversed else ("cw", "ccw")
+    directions = [vehicle.rotors[i].direction for i in np.argsort(order)]
+    first, second = directions[:2]
     # A rotor under another turns against it.
-    expected = first, second, second, first, second, first, first, second
-    if any(rotor.direction != expected[i] for rotor, i in zip(vehicle.rotors, order)):
+    expected = [first, second, second, first, second, first, first, second]
+    if first == second or directions != expected[: len(directions)]:
         raise UserError(
-            f"The rotors of the {vehicle.name} do not turn as Betaflight's settings say: change "
-            "yaw_motors_reversed."
+            f"The rotors of the {vehicle.name} do not turn as Betaflight's mixers take them to: "
+            "race it with `--flight_controller internal`."
         )
+    return "ON" if first == "ccw" else "OFF"
+
+
+def _switches(dump: str) -> dict[int, tuple[int, int]]:
+    """Returns of each mode the first channel that switches it on, from 0, and its value then."""
+    found = [(*map(int, each),) for each in _MODE.findall(dump)]
+    return {
+        mode: (channel, min(_HIGH, (low + high) // 2))
+        for mode, channel, low, high in reversed(found)
+        if low < high
+    }
 
 
 def _rates(axis: str, values: Mapping[str, str]) -> np.ndarray:
@@ -254,11 +295,12 @@ def _rates(axis: str, values: Mapping[str, str]) -> np.ndarray:
     return _TABLE * centre + max(0.0, most - centre) * bend
 
 
-def _arm_channel(dump: str) -> tuple[int, int]:
-    """Returns the index of the channel that arms, and the value that does."""
-    for channel, low, high in _ARM.findall(dump):
-        if int(low) < int(high):
-            return 4 + int(channel), min(_HIGH, (int(low) + int(high)) // 2)
-    raise UserError(
-        "Betaflight's settings have no channel that arms: add the line `aux 0 0 0 1700 2100 0 0`."
-    )
+def needed_values(dump: str, names: Set[str]) -> dict[str, str]:
+    """Returns the values that a dump sets, by name; raises UserError if some names are missing."""
+    values = values_of(dump)
+    if missing := names - values.keys():
+        raise UserError(
+            f"Betaflight's settings do not say {', '.join(sorted(missing))}: it is another "
+            "Betaflight than the one of `airrace betaflight build`."
+        )
+    return values

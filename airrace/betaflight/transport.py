@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.analysis.blackbox import FILE as LOG_NAME
 from airrace.analysis.blackbox import RACE_BEGINS
+from airrace.betaflight.angle_mode import AngleSticks
 from airrace.betaflight.betaflight_system import Betaflight
 from airrace.betaflight.firmware import find_firmware
 from airrace.betaflight.firmware_process import PERIOD, REST, FirmwareProcess
@@ -19,7 +20,7 @@ from airrace.betaflight.sticks import BOOT, CALIBRATION, Sticks, power_on
 from airrace.common.errors import UserError, words
 from airrace.common.files import write_text
 from airrace.common.held_folders import temporary_folder
-from airrace.common.words import count
+from airrace.common.words import count, printable
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.transport import Transport
 from airrace.diagrams.wiring import connect_by_name, export_inputs, inputs_of, outputs_of
@@ -45,7 +46,8 @@ _SPEEDS = "rotor_speeds"
 _LOGS = "LOG*.BF*"  # as the firmware calls them: it cuts the L off
 _HOLD = 0.3  # s, for which Betaflight keeps what it heard last
 _LONG = 1e9  # s
-_LEFT_OUT = 3  # refused lines that are shown
+_SHOWN = 3  # refused lines; all of them are in the race's folder
+STICKS = {"rates": Sticks, "angle": AngleSticks}  # by betaflight_mode of a scenario
 
 
 @contextlib.contextmanager
@@ -54,32 +56,35 @@ def join_betaflight(
 ) -> Iterator["BetaflightTransport"]:
     """Starts the firmware with its settings; yields what joins it to a race.
 
-    Its settings, as it has them, are left in the race's folder.
+    Its settings, as it has them, are left in the race's folder, below the lines that it refused.
 
     Args: scenario: the race. output_dir: its folder. note: shows a line.
 
     Raises:
-        UserError: if the firmware or its settings cannot be had, or cannot fly this drone.
+        UserError: if the firmware or its settings cannot be had, or cannot fly this drone; after
+            the race, if the firmware ended before it.
     """
     firmware = find_firmware()
     vehicle, _ = load_vehicle(scenario.drone)
     source = find_settings(scenario)
     with temporary_folder() as folder:
         dump, refused = configure(firmware, source, folder)
-        sticks = Sticks(dump, vehicle)
-        write_text(output_dir / FILE_NAME, dump)
+        sticks = STICKS[scenario.betaflight_mode](dump, vehicle)
+        kept = output_dir / FILE_NAME
+        not_taken = f"Betaflight does not take {count(len(refused), 'line')} of {source}"
+        comments = [printable(not_taken), *refused] if refused else []
+        write_text(kept, "".join(f"# {line}\n" for line in comments) + dump)
         if refused:
-            shown = ", ".join(map(str, refused[:_LEFT_OUT]))
-            more = len(refused) - _LEFT_OUT
-            note(
-                f"Betaflight does not take {count(len(refused), 'line')} of {source}: {shown}"
-                + (f", and {more} more" if more > 0 else "")
-            )
+            shown = ", ".join(map(str, refused[:_SHOWN]))
+            more = len(refused) - _SHOWN
+            note(f"{not_taken}: {shown}" + (f", and {more} more, see {kept}" if more > 0 else ""))
         try:
             with contextlib.closing(FirmwareProcess(firmware, folder)) as process:
                 yield BetaflightTransport(process, sticks, note)
         finally:
             _keep_log(folder, output_dir, note)
+    if process.problem is not None:
+        raise UserError(f"{process.problem}; what was flown before is in {output_dir}.")
 
 
 def _keep_log(folder: Path, output_dir: Path, note: Callable[[str], object]) -> None:
@@ -162,7 +167,12 @@ class BetaflightTransport(Transport):
         builder.Connect(
             autonomy.GetOutputPort("rate_command"), betaflight.GetInputPort("rate_command")
         )
+        builder.Connect(
+            autonomy.GetOutputPort("filtered_estimate"),
+            betaflight.GetInputPort("filtered_estimate"),
+        )
         builder.ExportInput(imu.GetInputPort("state"), "truth.state")
+        builder.ConnectInput("truth.state", betaflight.GetInputPort("state"))
         inputs = {n: [autonomy.GetInputPort(n)] for n in inputs_of(autonomy)}
         inputs.setdefault(_SPEEDS, []).append(betaflight.GetInputPort(_SPEEDS))
         export_inputs(builder, inputs)

@@ -35,6 +35,11 @@ class AnyRaceOptions(HitlOptions):
         "what drives the motors: internal = the controller itself; betaflight = the firmware that "
         "racing drones fly, see airrace betaflight --help (default: internal)"
     )
+    betaflight_mode: Annotated[Literal["rates", "angle"] | None, Parameter(group=RACE)] = None
+    (
+        "what the firmware's sticks ask for: rates of roll and pitch, or angles, as in its angle "
+        "mode (default: rates)"
+    )
     betaflight_config: Annotated[str | None, Parameter(group=RACE, metavar="FILE")] = None
     (
         "the firmware's settings, lines of its command line, such as its `diff all` "
@@ -67,8 +72,6 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if options.simulation == MAVLINK:
         raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "HITL":
-        if race_scenario(options).flight_controller != INTERNAL:
-            raise UserError("Betaflight is flown in this process: leave out -s HITL.")
         return fly_hitl(options, quiet)
     for name in ("companion", "identity", "wheels", "lcm_url", "link_key", "lockstep"):
         if getattr(options, name):
@@ -82,7 +85,9 @@ def fly_any(options: AnyRaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     if scenario.flight_controller == INTERNAL:
         return fly(options, quiet, scenario=scenario)
     from airrace.betaflight.firmware import find_firmware
-    from airrace.betaflight.transport import join_betaflight
+    from airrace.betaflight.settings import lines_of
+    from airrace.betaflight.transport import find_settings, join_betaflight
 
     find_firmware()  # before anything that takes a while
+    lines_of(find_settings(scenario))
     return fly(options, quiet, scenario=scenario, transport=join_betaflight)

@@ -76,10 +76,15 @@ def choose_folder(package: Path = PACKAGE) -> Path:
     return folder
 
 
+def usual_folder() -> Path:
+    """Returns where this user's own_folder() is, if it can be written to."""
+    home = os.path.expanduser("~/.cache")  # as it is if nobody knows the home
+    return Path(os.environ.get("XDG_CACHE_HOME") or home) / "airrace"
+
+
 def own_folder() -> Path:
     """Returns the folder of this user for what can be made again."""
-    home = os.path.expanduser("~/.cache")  # as it is if nobody knows the home
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or home) / "airrace"
+    folder = usual_folder()
     if folder.is_absolute() and _is_writable(folder):
         return folder
     # Machine code of another user would run as this one: the folder must be one's own.

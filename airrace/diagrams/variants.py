@@ -11,6 +11,7 @@ from airrace.diagrams.wiring import Port
 from airrace.scenario import BETAFLIGHT, INTERNAL, NO_POLICY, TRUTH, VIO, Scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rate_controller import RateController
+from airrace.systems.estimation.air_learner import AirLearner
 from airrace.systems.estimation.moment_observer import MomentObserver
 from airrace.systems.estimation.rotor_learner import RotorLearner
 from airrace.systems.estimation.state_filter import make_state_filter
@@ -68,6 +69,7 @@ _COMMON = Variant(
         "lap_planner": LapPlanner.from_scenario,
         "trajectory_tracker": lambda scenario: TrajectoryTracker(),
         "rotor_learner": RotorLearner.from_scenario,
+        "air_learner": AirLearner.from_scenario,
         "path_governor": PathGovernor.from_scenario,
         "moment_observer": MomentObserver.from_scenario,
         "rotor_monitor": RotorMonitor.from_scenario,
@@ -86,6 +88,7 @@ _COMMON = Variant(
         **_made_by("geometric_controller", "rotor_speed_command", "negative_thrusts"),
         **_made_by("trajectory_tracker", "reference"),
         **_made_by("rotor_learner", "rotor_factors"),
+        **_made_by("air_learner", "air"),
         **_made_by("path_governor", "path_clock"),
         **_made_by("moment_observer", "disturbance_moment"),
         **_made_by("rotor_monitor", "rotor_losses"),
@@ -97,6 +100,7 @@ _COMMON = Variant(
     pilot=frozenset(
         {
             "rotor_learner",
+            "air_learner",
             "path_governor",
             "trajectory_tracker",
             "moment_observer",

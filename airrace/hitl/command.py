@@ -234,6 +234,11 @@ def hitl_scenario(options: HitlOptions) -> "Scenario":
 
     scenario = prepared(resolve_scenario(options), options.lockstep)
     scenario.check()
+    if scenario.flight_controller != INTERNAL:
+        raise UserError(
+            "With hardware in the loop, the simulated drone's motors are driven by the autonomy: "
+            "set flight_controller to internal, or fly Betaflight by `airrace race` without -s."
+        )
     return scenario
 
 

@@ -12,11 +12,11 @@ import airrace.lcmtypes
 class lcmt_lap_problem(object):
     """ See PlanRequest in airrace/systems/planning/laps.py. """
 
-    __slots__ = ["start_time", "num_gates", "gates", "num_pylons", "pylons", "margins", "start", "old", "num_rotors", "rotor_factors"]
+    __slots__ = ["start_time", "num_gates", "gates", "num_pylons", "pylons", "margins", "start", "old", "num_rotors", "rotor_factors", "air"]
 
-    __typenames__ = ["double", "int32_t", "airrace.lcmtypes.lcmt_gate_estimate", "int32_t", "double", "double", "double", "airrace.lcmtypes.lcmt_lap_plan", "int32_t", "double"]
+    __typenames__ = ["double", "int32_t", "airrace.lcmtypes.lcmt_gate_estimate", "int32_t", "double", "double", "double", "airrace.lcmtypes.lcmt_lap_plan", "int32_t", "double", "double"]
 
-    __dimensions__ = [None, None, ["num_gates"], None, ["num_pylons", 2], ["num_pylons"], [5, 4], None, None, ["num_rotors"]]
+    __dimensions__ = [None, None, ["num_gates"], None, ["num_pylons", 2], ["num_pylons"], [5, 4], None, None, ["num_rotors"], [7]]
 
     def __init__(self):
         self.start_time = 0.0
@@ -55,6 +55,8 @@ class lcmt_lap_problem(object):
         """ LCM Type: int32_t """
         self.rotor_factors = []
         """ LCM Type: double[num_rotors] """
+        self.air = [ 0.0 for dim0 in range(7) ]
+        """ LCM Type: double[7] """
 
     def encode(self):
         buf = BytesIO()
@@ -77,6 +79,7 @@ class lcmt_lap_problem(object):
         self.old._encode_one(buf)
         buf.write(struct.pack(">i", self.num_rotors))
         buf.write(struct.pack('>%dd' % self.num_rotors, *self.rotor_factors[:self.num_rotors]))
+        buf.write(struct.pack('>7d', *self.air[:7]))
 
     @staticmethod
     def decode(data: bytes):
@@ -106,13 +109,14 @@ class lcmt_lap_problem(object):
         self.old = airrace.lcmtypes.lcmt_lap_plan._decode_one(buf)
         self.num_rotors = struct.unpack(">i", buf.read(4))[0]
         self.rotor_factors = struct.unpack('>%dd' % self.num_rotors, buf.read(self.num_rotors * 8))
+        self.air = struct.unpack('>7d', buf.read(56))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_lap_problem in parents: return 0
         newparents = parents + [lcmt_lap_problem]
-        tmphash = (0xa8ab88cb242083cb+ airrace.lcmtypes.lcmt_gate_estimate._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_lap_plan._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xde0c8114487bb624+ airrace.lcmtypes.lcmt_gate_estimate._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_lap_plan._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -143,6 +143,9 @@ class ClientLink:
             except OSError:  # what an earlier datagram met, such as a port that is closed
                 continue
         now = time.monotonic()
+        # A client that spoke while this side did not listen was not silent.
+        if any(self._is_client(sender) for _, sender in came):
+            self._heard_at = now
         self._listeners = {a: at for a, at in self._listeners.items() if now < at + _LISTENING}
         for data, sender in self._newest(came):
             self._take(data, sender, now)
@@ -190,20 +193,23 @@ class ClientLink:
         """Returns whether a sender is heard; one that commands becomes the client if none is."""
         is_free = self.client is None or now > self._heard_at + _PATIENCE
         commands = any(controls(message) for message in messages)
-        if self._is_client(sender):
-            self._heard_at = now
-        elif commands and is_free:
+        if commands and not self._is_client(sender):
+            if not is_free:
+                self._refuse(sender)
+                return False
             self.client, self._heard_at = sender, now
             self._listeners.pop(sender, None)
             self.note(f"Client at {_named(sender)}.")
-        elif commands:
-            self._refuse(sender)
-            return False
-        elif sender != self._to and any(message.get_type() == "HEARTBEAT" for message in messages):
+        elif self._is_a_station(messages, sender):
             if sender in self._listeners or len(self._listeners) < _LISTENERS:
                 self._listeners[sender] = now
         self.heard = self.heard or sender in (self._to, self.client)
         return True
+
+    def _is_a_station(self, messages, sender):
+        """Whether a sender is one who only listens, and says that it is there."""
+        is_other = sender != self._to and not self._is_client(sender)
+        return is_other and any(message.get_type() == "HEARTBEAT" for message in messages)
 
     def _is_client(self, sender):
         """Whether a sender is the client, which may have several ports if one is told all."""

@@ -33,6 +33,7 @@ class ClientLog:
         self._note, self._time, self._place = note, 0.0, ""
         self._said, self._heard = 0, collections.Counter[str]()
         self._gates, self._state = 0, "ON_PAD"
+        self._path, self._is_whole = path, True
         try:
             self._file: BinaryIO = path.open("wb")
         except OSError as e:
@@ -42,11 +43,18 @@ class ClientLog:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._file.close()
+        try:
+            self._file.close()  # which writes what is left
+        except OSError as e:
+            self._give_up(e)
 
     def tap(self, time: float, sent: bool, data: bytes) -> None:
         """Writes a message of a time (s); sent: by the simulator, or by the client."""
-        self._file.write(struct.pack(">Q", round(1e6 * time)) + data)
+        try:
+            if self._is_whole:
+                self._file.write(struct.pack(">Q", round(1e6 * time)) + data)
+        except OSError as e:
+            self._give_up(e)
         if sent:
             self._said += 1
         else:
@@ -66,6 +74,12 @@ class ClientLog:
                 x, y, z = event.truth.position
                 speed = float(np.linalg.norm(event.truth.velocity))
                 self._place = f" at ({x:.1f} {y:.1f} {z:.1f}) m, {speed:.1f} m/s"
+
+    def _give_up(self, error):
+        """Says that the file ends here; the race goes on."""
+        if self._is_whole:
+            self._note(f"{self._path} cannot be written any more ({words(error)}): it ends here.")
+        self._is_whole = False
 
     def _tell(self, time):
         most = self._heard.most_common(_MOST_NAMED)

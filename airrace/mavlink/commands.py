@@ -106,8 +106,8 @@ def _attitude(message, dialect, situation):
     thrust = _thrust(message, dialect, situation)
     wire = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
     given = [not mask & bit for bit in (1, 2, 4)]
-    gains = dialect.rate_gains if mask & _RATES_IN_RAD else dialect.stick_gains
     rates = _finite([rate if is_given else 0.0 for rate, is_given in zip(wire, given)])
+    gains = dialect.rate_gains if mask & _RATES_IN_RAD else _stick_gains(rates, dialect)
     rates = flipped(gains * rates)
     if mask & _IGNORE_ATTITUDE:
         return NO_SETPOINT._replace(kind=RATES, thrust=thrust, rates=rates)
@@ -120,6 +120,12 @@ def _attitude(message, dialect, situation):
         kind=ATTITUDE, thrust=thrust, quaternion=quaternion, rates=rates,
         has_yaw=float(given != [False, False, True]),
     )  # fmt: skip
+
+
+def _stick_gains(rates, dialect):
+    """Returns what each body rate is multiplied by, which grows with it as a stick's does."""
+    fullness = np.minimum(np.abs(rates), math.pi) / math.pi
+    return dialect.stick_gains / (1.0 - np.array(dialect.stick_growth) * fullness)
 
 
 def _thrust(message, dialect, situation):

@@ -75,9 +75,10 @@ class Dialect:
     )
     setpoint_quaternion: Four = _fact("`SET_ATTITUDE_TARGET`: signs of w, x, y, z", CLIENTS)
     stick_gains: Three = _fact(
-        "`SET_ATTITUDE_TARGET`: rad/s flown for 1 of a body rate; its stick curve is taken as "
-        "straight",
-        CAPTURED,
+        "`SET_ATTITUDE_TARGET`: rad/s flown for 1 of a body rate that is small", CAPTURED
+    )
+    stick_growth: Three = _fact(
+        "and of a rate w, the gain is divided by 1 - growth min(abs(w), pi) / pi", ONE
     )
     rate_gains: Three = _fact(
         "the same if bit 16 of its type_mask is set; less than 0 = mirrored", CAPTURED
@@ -139,7 +140,8 @@ DIALECTS = {
         countdown=2.85,
         early=0.1,
         setpoint_quaternion=(1.0, 1.0, -1.0, -1.0),
-        stick_gains=(2.44, 2.46, 2.18),
+        stick_gains=(2.359, 2.363, 2.163),
+        stick_growth=(0.296, 0.284, 0.316),
         rate_gains=(-0.98, -0.98, -0.89),
         thrust=_THRUST,
         velocity_to_position=0.0,
@@ -175,6 +177,7 @@ DIALECTS = {
         early=0.0,
         setpoint_quaternion=(1.0, 1.0, 1.0, 1.0),
         stick_gains=_PLAIN,
+        stick_growth=(0.0, 0.0, 0.0),
         rate_gains=_PLAIN,
         thrust=None,
         velocity_to_position=1.0,

@@ -200,11 +200,13 @@ def check_flight_controller(scenario: "Scenario") -> None:
         check_choice("flight_controller", scenario.flight_controller, choices)
     for i, failure in enumerate(scenario.radio_failures):
         check_choice(f"radio_failures[{i}].kind", failure.kind, RADIO_FAILURES)
-    for name, is_used in (
-        ("radio_failures", scenario.flight_controller == "betaflight"),
-        ("betaflight_config", scenario.flight_controller != "internal"),
+    check_choice("betaflight_mode", scenario.betaflight_mode, ("rates", "angle"))
+    for name, unused, is_used in (
+        ("radio_failures", [], scenario.flight_controller == "betaflight"),
+        ("betaflight_mode", "rates", scenario.flight_controller == "betaflight"),
+        ("betaflight_config", "", scenario.flight_controller != "internal"),
     ):
-        if getattr(scenario, name) and not is_used:
+        if getattr(scenario, name) != unused and not is_used:
             raise UserError(f"{name} is for Betaflight: set flight_controller to betaflight.")
     if board and not scenario.betaflight_config:
         raise UserError(

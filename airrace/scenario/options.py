@@ -34,6 +34,7 @@ _FIELDS = {
         "estimator",
         "policy",
         "flight_controller",
+        "betaflight_mode",
         "betaflight_config",
     )
 } | {

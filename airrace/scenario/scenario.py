@@ -129,7 +129,8 @@ class PlannerConfig:
     rate: float = 20.0  # Hz
     latency: float = 1.0  # s, declared: from the map to the plan in force
     limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see scenario/lap_limits.py
-    thrust_share: float = 1.0  # of the rotors' limits: the rest is for the controller
+    # Of the rotors' limits: the rest is for the controller; null = all, or 0.9 through Betaflight.
+    thrust_share: float | None = None
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
     # Laps of -t 3, 4 and 6: without a stop, or "rest_to_rest", each from hover to hover, 0.5 m
     # beyond the midpoint of gate 1.
@@ -137,6 +138,7 @@ class PlannerConfig:
     # Of -t 3, 4 and 6: the quickest laps within the limits, or "original", which weighs snap
     # against time, as it did: -t 3 exceeds the limits a little, -t 6 flies as -t 4.
     time_allocation: str = "exact"
+    waits: bool = True  # for a drone that falls behind its plan: that is flown more slowly then
     update: str = "if_better"  # or "always", each lap on a new plan even if it is slower
 
 
@@ -241,6 +243,7 @@ class Scenario:
     # What drives the motors: "internal", the controller itself; "betaflight", the firmware, which
     # the controller tells thrust and body rates; or "msp:PLACE": a real board is told them, too.
     flight_controller: str = INTERNAL
+    betaflight_mode: str = "rates"  # or "angle": its sticks ask for angles of roll and pitch
     betaflight_config: str = ""  # file of the firmware's settings; by default, the drone's own
     # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0

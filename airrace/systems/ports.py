@@ -4,6 +4,11 @@ import numpy as np
 from pydrake.systems.framework import Context, InputPort
 
 
+def read_or(default: np.ndarray, port: InputPort, context: Context) -> np.ndarray:
+    """Returns the value of an input port, see read_vector(); a default if it was left open."""
+    return read_vector(port, context) if port.HasValue(context) else default
+
+
 def read_vector(port: InputPort, context: Context) -> np.ndarray:
     """Returns the value of an input port, (n,): like its Eval(), but not a copy.
 

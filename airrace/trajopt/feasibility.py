@@ -114,7 +114,7 @@ def check_flight(samples: np.ndarray, pylons: ArrayLike, limits: FlightLimits) -
 
     Args: samples: References as vectors, (18, N). pylons: axes, [x, y], (m, 2) m. limits: to keep.
     """
-    thrusts, w = inverse_dynamics(samples, limits.vehicle)
+    thrusts, w = inverse_dynamics(samples, limits.vehicle, limits.air)
     most = limits.max_thrusts[:, None]
     speed, acceleration = peaks(samples)
     rate = float(np.linalg.norm(w, axis=0).max())

@@ -6,6 +6,9 @@ from airrace.common.jit import compilable
 from airrace.math.vec3 import cross, dot
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.air import STILL, Air
+
+_SLOW = 0.1  # m/s, so that the amount of a velocity has derivatives at rest, too
 
 
 @compilable
@@ -72,23 +75,27 @@ def heading_vectors(
     return (c, s, 0.0), first, second
 
 
-def inverse_dynamics(flat_outputs: np.ndarray, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+def inverse_dynamics(
+    flat_outputs: np.ndarray, vehicle: Vehicle, air: Air = STILL
+) -> tuple[np.ndarray, np.ndarray]:
     """Inverse dynamics of a trajectory.
 
     Args:
         flat_outputs: samples as in trajopt/reference.py, shape (18, N).
         vehicle: the airrace.vehicle.Vehicle.
+        air: that it flies through.
 
     Returns:
         (thrusts, w): thrust of every rotor (N), shape (n, N), by the
         pseudo-inverse of the allocation, not clipped to the limits; angular
         velocity in B (rad/s), shape (3, N).
     """
-    r, force = as_reference(flat_outputs), thrust_vectors(flat_outputs)
+    r, force = as_reference(flat_outputs), thrust_vectors(flat_outputs, air=air)
     _, w, alpha = attitude_from_force(
         *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
-    thrust = vehicle.mass * np.sqrt(dot(force[0], force[0]))
+    amount = np.sqrt(dot(force[0], force[0]))
+    thrust = vehicle.mass * (amount + axial_drag(r.velocity, force[0] / amount, 1.0, air))
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 
@@ -101,15 +108,45 @@ def moments(vehicle: Vehicle, w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return J * alpha + cross(w, J * w)
 
 
+def axial_drag(
+    velocity: np.ndarray, b: np.ndarray, unit: float | np.ndarray, air: Air
+) -> float | np.ndarray:
+    """Returns how much thrust over mass it takes against drag along the thrust, (N,).
+
+    Only the thrust has to make up for it: the attitude stays that of thrust_vectors().
+
+    Args: velocity: (3, N). b: unit vectors along the thrust, likewise. unit, air: see there.
+    """
+    if air.is_still:
+        return 0.0
+    u = velocity - air.wind.reshape(3, *[1] * (velocity.ndim - 1)) * unit
+    speed = np.sqrt(dot(u, u) + (_SLOW * unit) ** 2)
+    return (air.axial_linear * unit + air.axial_quadratic * speed) * dot(u, b)
+
+
 def thrust_vectors(
-    flat_outputs: np.ndarray, unit: float | np.ndarray = 1.0
+    flat_outputs: np.ndarray, unit: float | np.ndarray = 1.0, air: Air = STILL
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns thrust over mass, a + g e_z, and its first two derivatives, (3, N) each.
+    """Returns thrust over mass, a + g e_z less drag, and its first two derivatives, (3, N) each.
+
+    With drag that is the same in all directions, a multirotor stays flat: Faessler, Franchi and
+    Scaramuzza, "Differential flatness of quadrotor dynamics subject to rotor drag" (RA-L 2018).
 
     Args:
         flat_outputs: samples as in trajopt/reference.py, shape (18, N), real or
             complex, with time in multiples of the unit.
         unit: of time (s), a number or (N,).
+        air: that it flies through.
     """
-    _, _, a, j, s, *_ = as_reference(flat_outputs)
-    return np.array((a[0], a[1], a[2] + GRAVITY * unit**2)), j, s
+    _, v, a, j, s, *_ = as_reference(flat_outputs)
+    force = np.array((a[0], a[1], a[2] + GRAVITY * unit**2))
+    if air.is_still:
+        return force, j, s
+    # With time in units T, drag is T^2 times what it is, so T times its linear part.
+    u = v - air.wind.reshape(3, *[1] * (v.ndim - 1)) * unit
+    speed = np.sqrt(dot(u, u) + (_SLOW * unit) ** 2)
+    rate = dot(u, a) / speed
+    rate_of_rate = (dot(a, a) + dot(u, j) - rate**2) / speed
+    k = air.linear * unit + air.quadratic * speed
+    dk, ddk = air.quadratic * rate, air.quadratic * rate_of_rate
+    return force + k * u, j + dk * u + k * a, s + ddk * u + 2.0 * dk * a + k * j

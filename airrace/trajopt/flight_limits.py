@@ -8,6 +8,7 @@ import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.air import STILL, Air
 
 _SCALED = "thrust_share", "max_speed", "max_acceleration", "max_rate"
 MIN_HEIGHT = 1.0  # m
@@ -28,6 +29,7 @@ class FlightLimits:
     #: Vertical component of the thrust over mass (m/s^2); the drone never points down, and a
     #: heading always has a meaning. -inf for a drone that may fly upside down.
     min_lift: float = 0.5 * GRAVITY
+    air: Air = STILL  #: that the vehicle flies through
 
     def scaled(self, share: float) -> "FlightLimits":
         """Returns limits of which a share is left, from below as well for rotors."""

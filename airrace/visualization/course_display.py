@@ -66,7 +66,8 @@ class CourseDisplay:
         touched = f", {count(collisions, 'sample')} with a contact" if collisions else ""
         again = f", after {count(resets, 'reset')}" if resets else ""
         if data["finished"]:
-            self.note(f"Finished: {passed} in {data['time_s']:.2f} s{touched}{again}")
+            time = f"{data['time_s']:.2f} s from the first to the last"
+            self.note(f"Finished: {passed}, {time}{touched}{again}")
         else:
             self.note(f"Did not finish: {data['dnf_reason']}; {passed}{touched}{again}")
         self.note(f"Results: {folder}")

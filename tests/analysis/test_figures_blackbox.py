@@ -34,11 +34,20 @@ def test_a_delay_is_found(log):
 
 
 def test_the_picture_is_of_the_busiest_seconds(run, log):
-    log.loc[log["time"] < 6.0, "setpoint[0]"] = 0.0
+    log.loc[log["time"] < 2.9, "setpoint[0]"] = 0.0
     figure = rates_figure(run, log)
     begin, end = figure.axes[-1].lines[0].get_xdata()[[0, -1]]
-    assert begin >= 5.9 and end - begin == pytest.approx(4.0, abs=0.01)
+    assert begin >= 2.8 and end - begin == pytest.approx(4.0, abs=0.01)
     assert "40 ms behind" in figure.axes[1].get_title(loc="right")
+
+
+def test_of_a_race_with_laps_the_picture_is_of_these(run, log):
+    first, last = run.lap_starts
+    log.loc[~log["time"].between(first, last), "setpoint[0]"] *= 50.0  # as at its take-off
+    plots = rates_figure(run, log).axes
+    assert first <= plots[-1].lines[0].get_xdata()[0] <= last
+    assert [line.get_label() for line in plots[-1].lines] == [f"motor {i}" for i in range(1, 5)]
+    assert len({tuple(line.get_color()) for line in plots[-1].lines}) == 4
 
 
 def test_a_report_has_it_only_with_a_log_that_can_be_read(run, log, monkeypatch):

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.betaflight.betaflight_system import Betaflight
-from airrace.betaflight.firmware_process import CHANNELS, PERIOD, REST
+from airrace.betaflight.firmware_process import CHANNELS, LEVEL, PERIOD, REST
 from airrace.betaflight.sticks import Sticks
 from airrace.systems.sensing.imu_samples import NO_SAMPLES
 from airrace.vehicle import load_vehicle
@@ -22,8 +22,9 @@ class Echo:
     def __init__(self):
         self.told = []
 
-    def begin_step(self, imu, channels):
+    def begin_step(self, imu, channels, attitude):
         self.told.append((imu.copy(), list(channels)))
+        self.attitude = attitude.copy()
 
     def end_step(self):
         return np.full(CHANNELS, float(self.told[-1][1][2]) if self.told else 0.0)
@@ -42,12 +43,15 @@ def fly(vehicle, steps, *, samples=NO_SAMPLES, turning=0.0, **options):
         ("rate_command", (9.81, 0.0, 0.0, 0.0)),
         ("imu", samples),
         ("rotor_speeds", np.full(4, turning)),
+        ("filtered_estimate", [0.0, 1.0, *np.zeros(12)]),
+        ("state", [0.6, 0.8, *np.zeros(11)]),
     ):
         source = builder.AddSystem(ConstantVectorSource(np.array(value)))
         builder.Connect(source.get_output_port(), system.GetInputPort(name))
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo((steps - 0.5) * PERIOD)
     context = system.GetMyContextFromRoot(simulator.get_context())
+    np.testing.assert_array_equal(echo.attitude, LEVEL)  # sticks that ask for rates need none
     return echo.told, system.get_output_port().Eval(context)
 
 

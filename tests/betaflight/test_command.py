@@ -18,15 +18,16 @@ from airrace.scenario import load_scenario
 def test_it_builds_and_says_where(monkeypatch, capsys):
     seen = []
 
-    def build(show, source):
+    def build(show, source, again):
         show("compiling", 0.5)
-        seen.append(source)
+        seen.append((source, again))
         return Firmware(Path("/cache/program"), Path("/cache/library"), "4.6.0")
 
     monkeypatch.setattr(firmware, "build_firmware", build)
     assert main(["betaflight", "build", "--source", "package.tar.gz"]) == 0
-    assert seen == [Path("package.tar.gz")]
     assert "Betaflight 4.6.0 is in /cache." in capsys.readouterr().out
+    assert main(["betaflight", "build", "--again"]) == 0
+    assert seen == [(Path("package.tar.gz"), False), (None, True)]
 
 
 def test_without_it_a_race_names_the_remedy(monkeypatch, tmp_path, capsys):
@@ -35,7 +36,7 @@ def test_without_it_a_race_names_the_remedy(monkeypatch, tmp_path, capsys):
     assert main([*race, "--no-meshcat", "--map", "track", "--renderer", "none"]) == 2
     assert "airrace betaflight build" in capsys.readouterr().err
     assert main([*race, "-s", "HITL"]) == 2
-    assert "leave out -s HITL" in capsys.readouterr().err
+    assert "without -s" in capsys.readouterr().err
 
 
 def test_who_cannot_command_it_is_told(capsys):
@@ -43,6 +44,8 @@ def test_who_cannot_command_it_is_told(capsys):
         ("{flight_controller: px4}", "internal, betaflight, msp:PLACE"),
         ("{flight_controller: betaflight, policy: learned}", "A policy commands the rotors"),
         ("{radio_failures: [{}]}", "radio_failures is for Betaflight"),
+        ("{betaflight_mode: angle}", "betaflight_mode is for Betaflight"),
+        ("{flight_controller: betaflight, betaflight_mode: acro}", "one of rates, angle"),
         ("{betaflight_config: team.txt}", "betaflight_config is for Betaflight"),
         ("{flight_controller: betaflight, radio_failures: [{kind: loud}]}", "one of silent"),
     ):
@@ -91,7 +94,7 @@ def test_what_cannot_fly_it_says_so(tmp_path):
 
 
 def test_a_build_that_fails_is_one_sentence(monkeypatch, capsys):
-    def build(show, source):
+    def build(show, source, again):
         raise UserError("Betaflight is built with gcc and make, and gcc is missing.")
 
     monkeypatch.setattr(firmware, "build_firmware", build)

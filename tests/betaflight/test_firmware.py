@@ -1,6 +1,7 @@
 """The firmware is fetched, built and kept; here, a program that only looks like it is."""
 
 import io
+import os
 import shutil
 import tarfile
 
@@ -41,6 +42,31 @@ def test_it_is_built_once_and_found(cache, tmp_path):
     assert built == find_firmware() and cache in built.program.parents
     assert [what for what, _ in shown][0] == "unpacking" and shown[-1][0] == "compiling"
     assert build_firmware(None, tmp_path / "not_there") == built  # nothing is done again
+    built.program.write_text("broken")
+    build_firmware(lambda *what: None, tmp_path / SOURCE, again=True)
+    assert built.program.read_text() == "#!/bin/sh\n"
+
+
+def test_a_compiler_that_fails_or_no_place_is_one_sentence(cache, monkeypatch, tmp_path):
+    source = package(tmp_path / SOURCE)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    (tools / "gcc").write_text("#!/bin/sh\necho 'gcc: error: no such cpu' >&2; exit 1\n")
+    (tools / "gcc").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tools}:{os.environ['PATH']}")
+    with pytest.raises(UserError, match=r"lockstep.c cannot be compiled: gcc: error: no such cpu"):
+        build_firmware(lambda *what: None, source)
+    shutil.rmtree(cache)
+    cache.write_text("no folder")
+    monkeypatch.setattr(module, "own_folder", lambda: cache)
+    with pytest.raises(UserError, match=r"cannot be kept in .*XDG_CACHE_HOME"):
+        build_firmware(lambda *what: None, source)
+
+
+def test_what_is_in_a_folder_for_reading_only_is_found(monkeypatch, tmp_path):
+    built = build_firmware(lambda *what: None, package(tmp_path / SOURCE))
+    monkeypatch.setattr("airrace.common.machine_code._is_writable", lambda folder: False)
+    assert find_firmware() == built
 
 
 def test_without_a_compiler_it_says_so(monkeypatch, tmp_path):

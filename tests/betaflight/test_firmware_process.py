@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airrace.betaflight.firmware_process import NO_RADIO, REST, FirmwareProcess
+from airrace.betaflight.firmware_process import NO_RADIO, REST, FirmwareProcess, measure_pace
+from airrace.common.errors import UserError
 
 
 @pytest.fixture
@@ -105,6 +106,16 @@ def test_steps_that_it_is_told_of_at_once_are_as_one_by_one(configured, firmware
             answers.append(process.step(sticks.channels_of_thrust(0.3)))
     np.testing.assert_array_equal(*answers)
     assert (answers[0][:4] > 1100.0).all()
+
+
+def test_its_pace_is_measured_and_what_does_not_run_is_said(firmware, tmp_path):
+    pace = measure_pace(firmware)
+    assert pace.steps > 100 and 0.0 < pace.in_time <= 1.0 and 0.0 < pace.p99 < 1.0
+    broken = tmp_path / "broken"
+    broken.write_text("#!/bin/false\n")
+    broken.chmod(0o755)
+    with pytest.raises(UserError, match="exit code 1: .*build --again"):
+        measure_pace(firmware._replace(program=broken))
 
 
 @pytest.mark.repeats

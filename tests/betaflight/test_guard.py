@@ -1,6 +1,7 @@
 """A board at a serial port, which is the firmware in software behind a pseudo-terminal."""
 
 import contextlib
+import json
 import os
 import pty
 import select
@@ -17,6 +18,7 @@ from airrace.betaflight.firmware_process import NO_RADIO, PERIOD, FirmwareProces
 from airrace.betaflight.guard import Guard, Setup
 from airrace.betaflight.settings import configure
 from airrace.common.errors import UserError
+from tests.worlds.network import CAN_UNSHARE, own_network
 
 HOVER = np.array((9.81, 0.0, 0.0, 0.0))
 BOOT = 6.0  # s, in which it calibrates
@@ -163,3 +165,41 @@ def test_what_is_no_board_or_another_is_one_sentence(board, tmp_path):
     other = board.dump.replace("roll_rc_rate = 60", "roll_rc_rate = 7")
     with pytest.raises(UserError, match="roll_rc_rate = 60, and the settings that you give 7"):
         Guard(Setup(board.place, other, "Default", False))
+
+
+@pytest.mark.repeats
+@pytest.mark.skipif(not CAN_UNSHARE, reason="a network of one's own (unshare -n) takes root")
+def test_a_board_turns_its_motors_beside_a_race_with_hardware_in_the_loop(board, tmp_path):
+    """A person starts the autonomy in a terminal, and arms; the board's motors do as the drone's."""
+    dump = tmp_path / "dump.txt"
+    dump.write_text(board.dump)
+    fields = "camera: {width: 640, height: 360}, referee: {time_limit: 8.0}"
+    airrace = [sys.executable, "-m", "airrace", "hitl"]
+    link = ["--scenario_text", f"{{{fields}}}"]
+    to_board = ["--flight_controller", f"msp:{board.place}", "--betaflight_config", str(dump)]
+    keyboard, terminal = pty.openpty()
+    environment = os.environ | {"AIRRACE_PATIENCE": "10"}
+    result = tmp_path / "race"
+    with own_network():  # which processes that are started meanwhile are in
+        autonomy = subprocess.Popen(
+            [*airrace, "autonomy", *link, *to_board, "--allow_arming", "--output", tmp_path / "a"],
+            stdin=terminal,
+            env=environment,
+        )
+        simulation = subprocess.Popen(
+            [*airrace, "simulation", *link, "--no-meshcat", "--no-report", "--output", result],
+            env=environment,
+        )
+    try:
+        os.write(keyboard, b"ARM\n")
+        with simulation:
+            assert board.turns(120.0)
+        # The race ends, or on a computer that is too slow, the board is disarmed in doubt.
+        assert json.loads((result / "race.json").read_text())["dnf_reason"]
+        autonomy.wait(30.0)
+        assert board.stands(1.0)
+    finally:
+        autonomy.kill()
+        autonomy.wait()
+        for descriptor in (keyboard, terminal):
+            os.close(descriptor)

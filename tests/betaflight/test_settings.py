@@ -1,5 +1,7 @@
 """Settings are given to the firmware and read back; what it refuses is named."""
 
+import os
+
 import pytest
 
 from airrace.betaflight.settings import configure, lines_of, values_of
@@ -38,8 +40,26 @@ def test_settings_that_are_none_are_refused(firmware, tmp_path):
     path.write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(UserError, match="is no text"):
         lines_of(path)
-    with pytest.raises(UserError, match="cannot be read"):
-        lines_of(tmp_path / "missing.txt")
+    path.write_text("# nothing\nbatch start\nEXIT\nSave\n")
+    with pytest.raises(UserError, match="holds no settings"):
+        lines_of(path)
+    for much in ("set p_roll = 44\n" * 5001, "#" * 1_100_000 + "\nset p_roll = 44\n"):
+        path.write_text(much)
+        with pytest.raises(UserError, match="too long to be settings"):
+            lines_of(path)
+    os.mkfifo(tmp_path / "pipe.txt")  # nobody writes it
+    for what in ("missing.txt", "pipe.txt", ""):
+        with pytest.raises(UserError, match="cannot be read"):
+            lines_of(tmp_path / what)
+
+
+def test_a_firmware_that_does_not_run_names_the_remedy(firmware, shipped, tmp_path):
+    broken = tmp_path / "broken"
+    for text, words in (("no program", "Exec format error"), ("#!/bin/false\n", "exit code 1")):
+        broken.write_text(text)
+        broken.chmod(0o755)
+        with pytest.raises(UserError, match=rf"{words}.*build --again"):
+            configure(firmware._replace(program=broken), shipped, tmp_path)
 
 
 def test_a_line_that_ends_the_firmware_is_named(firmware, tmp_path):

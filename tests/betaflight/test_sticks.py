@@ -22,6 +22,10 @@ set min_check = 1050
 set deadband = 10
 set yaw_deadband = 0
 set rates_type = ACTUAL
+set rc_smoothing = OFF
+set f_roll = 0
+set f_pitch = 0
+set f_yaw = 0
 """ + "".join(
     f"set {axis}_rc_rate = 20\nset {axis}_srate = 60\nset {axis}_expo = 40\n"
     for axis in ("roll", "pitch", "yaw")
@@ -82,7 +86,7 @@ def test_sticks_stay_within_their_range(vehicle):
 def test_the_arm_channel_is_the_settings(vehicle):
     sticks = Sticks(DUMP, vehicle)
     assert sticks.at_rest(armed=True)[6] == 1900 and sticks.at_rest(armed=False)[6] == 1000
-    with pytest.raises(UserError, match="no channel that arms"):
+    with pytest.raises(UserError, match=r"`aux 0 0 0 1700 2100 0 0` \(a channel that arms\)"):
         Sticks(DUMP.replace("1700 2100", "900 900"), vehicle)
 
 
@@ -93,22 +97,40 @@ def test_each_rotor_gets_the_output_of_its_place(vehicle):
 
 
 def test_what_it_cannot_fly_is_said(vehicle):
-    with pytest.raises(UserError, match="rates_type = QUICK"):
-        Sticks(DUMP.replace("ACTUAL", "QUICK"), vehicle)
-    with pytest.raises(UserError, match="thr_expo = 20: set it to 0"):
-        Sticks(DUMP.replace("thr_expo = 0", "thr_expo = 20"), vehicle)
     with pytest.raises(UserError, match="do not say min_check"):
         Sticks(DUMP.replace("min_check", "mincheck"), vehicle)
-    with pytest.raises(UserError, match="change yaw_motors_reversed"):
+    with pytest.raises(UserError, match=r"add `set yaw_motors_reversed = ON` \(it is OFF\)\.$"):
         Sticks(DUMP.replace("reversed = ON", "reversed = OFF"), vehicle)
+    turning = [dc.replace(rotor, direction="cw") for rotor in vehicle.rotors]
+    with pytest.raises(UserError, match="do not turn as Betaflight's mixers"):
+        Sticks(DUMP, dc.replace(vehicle, rotors=turning))
     plus = dc.replace(
         vehicle, rotors=[dc.replace(r, position=[0.0, *r.position[1:]]) for r in vehicle.rotors]
     )
     with pytest.raises(UserError, match="arms that make an X, which the Default has not"):
         Sticks(DUMP, plus)
     star, _ = load_vehicle("StarOne")
-    with pytest.raises(UserError, match="add the line `mixer OCTOX8`"):
+    with pytest.raises(UserError, match="add `mixer OCTOX8`"):
         Sticks(DUMP, star)
+
+
+def test_all_that_is_to_be_changed_is_said_at_once(vehicle):
+    changed = DUMP
+    for old, new in (
+        ("ACTUAL", "QUICK"),
+        ("thr_expo = 0", "thr_expo = 20"),
+        ("rc_smoothing = OFF", "rc_smoothing = ON"),
+        ("f_roll = 0", "f_roll = 100"),
+        ("1700 2100", "900 900"),
+    ):
+        changed = changed.replace(old, new)
+    with pytest.raises(UserError) as refused:
+        Sticks(changed, vehicle)
+    assert str(refused.value) == (
+        "Betaflight's settings cannot fly the Default: add `set rates_type = ACTUAL` (it is QUICK)"
+        ", `set thr_expo = 0` (it is 20), `set rc_smoothing = OFF` (it is ON), `set f_roll = 0` "
+        "(it is 100), `aux 0 0 0 1700 2100 0 0` (a channel that arms)."
+    )
 
 
 def test_of_eight_rotors_the_lower_ones_come_last():

@@ -9,11 +9,14 @@ import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 import pytest
 
 from airrace.analysis.blackbox import RACE_BEGINS, read_blackbox
 from airrace.betaflight.msp import open_msp
+from airrace.betaflight.settings import lines_of
 from airrace.betaflight.transport import find_settings, join_betaflight
+from airrace.commands import race
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.recording.race_events import StateSample
@@ -61,6 +64,16 @@ def test_it_takes_off_and_leaves_its_settings(firmware, tmp_path):
     assert "Betaflight / SITL" in dump and "set p_roll = 45" in dump
 
 
+@pytest.mark.slow
+def test_it_flies_in_its_angle_mode(firmware, tmp_path):
+    # In its rate mode, sticks that ask for angles would turn it over.
+    text = BRIEF.replace("4.0", "6.0") + "betaflight_mode: angle\n"
+    _, _, samples = fly(tmp_path / "a", text)
+    assert samples[36][3] == pytest.approx(5.0, abs=0.1)
+    assert np.hypot(*np.subtract(samples[-1], samples[36])[1:3]) > 3.0  # it is on its lap
+    assert samples[-1][0] == pytest.approx(6.0, abs=0.2)
+
+
 @pytest.mark.repeats
 def test_a_lap_is_flown_twice_alike(firmware, tmp_path):
     text = BRIEF.replace("time_limit: 4.0", "time_limit: 40.0")
@@ -71,18 +84,21 @@ def test_a_lap_is_flown_twice_alike(firmware, tmp_path):
 
 @pytest.mark.slow
 def test_a_firmware_killed_in_flight_ends_the_race_with_its_results(firmware, tmp_path):
+    times = []
+
     def killer(transport):
         def look(event):
+            times.append(event.time)
             if event.time >= 2.0 and transport._process.problem is None:
                 os.kill(transport._process.number, signal.SIGKILL)
 
         return look
 
-    result, _, samples = fly(tmp_path / "a", sinks=[killer])
-    assert result["dnf_reason"] == "Betaflight was killed: SIGKILL"
-    assert samples[-1][0] < 2.5
+    with pytest.raises(UserError, match=r"killed: SIGKILL; what was flown before is in .*/a\."):
+        fly(tmp_path / "a", sinks=[killer])
     kept = json.loads((tmp_path / "a" / "race.json").read_text())
-    assert kept["dnf_reason"] == result["dnf_reason"]
+    assert kept["dnf_reason"] == "Betaflight was killed: SIGKILL"
+    assert times[-1] < 2.5
 
 
 @pytest.mark.slow
@@ -97,17 +113,37 @@ def test_a_firmware_without_commands_falls_back_on_its_own_failsafe(firmware, tm
 @pytest.mark.slow
 def test_a_team_is_told_what_is_not_taken(firmware, shipped, tmp_path):
     team = tmp_path / "team.txt"
-    team.write_text(shipped.read_text() + "set dyn_notch_count = 3\n")
+    wrong = [f"set no_such_{i} = 3" for i in range(4)]
+    team.write_text("\n".join((shipped.read_text(), "set dyn_notch_count = 3", *wrong)))
     text = BRIEF.replace("4.0", "0.2") + f"betaflight_config: {team}\n"
     _, (line,), _ = fly(tmp_path / "a", text)
-    assert "does not take 1 line of" in line and "'set dyn_notch_count = 3'" in line
+    assert "does not take 5 lines of" in line and "'set dyn_notch_count = 3'" in line
+    kept = tmp_path / "a" / "betaflight.txt"
+    assert line.endswith(f"and 2 more, see {kept}")
+    comments = kept.read_text().splitlines()[1:6]
+    assert all(f"# '{wanted}' (" in found for wanted, found in zip(wrong, comments[1:]))
+    assert not {*wrong} & {*lines_of(kept)}  # they can be given again
+
+
+def test_settings_that_cannot_be_read_are_said_before_anything_takes_a_while(
+    firmware, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(race, "fly", lambda *args, **options: pytest.fail("it is flown"))
+    (tmp_path / "empty.txt").touch()
+    for name, words in (("nope.txt", "cannot be read"), ("empty.txt", "no settings")):
+        options = race.AnyRaceOptions(
+            flight_controller="betaflight", betaflight_config=str(tmp_path / name)
+        )
+        with pytest.raises(UserError, match=words):
+            race.fly_any(options)
 
 
 @pytest.mark.slow
-def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(firmware, tmp_path):
+def test_settings_that_do_not_arm_are_refused_with_the_firmwares_reason(
+    firmware, shipped, tmp_path
+):
     team = tmp_path / "team.txt"
-    arming = "set yaw_motors_reversed = ON\naux 0 0 0 1700 2100 0 0\n"
-    team.write_text(f"{arming}set min_check = 750\n")
+    team.write_text(f"{shipped.read_text()}set min_check = 750\n")
     with pytest.raises(UserError, match=r"does not arm \(.*THROTTLE.*\)"):
         fly(tmp_path / "a", BRIEF + f"betaflight_config: {team}\n")
 

@@ -1,11 +1,13 @@
 """What `airrace doctor` says of this computer; the link's part is in tests/diagrams/test_hitl.py."""
 
 import contextlib
+from unittest.mock import Mock
 
+from airrace.betaflight import firmware, firmware_process
 from airrace.commands import computer_checks
 from airrace.commands.app import main
 from airrace.commands.computer_checks import check_computer
-from airrace.hitl.link.doctor import BAD, WEAK
+from airrace.hitl.link.doctor import BAD, GOOD, WEAK
 
 
 def verdict(what: str) -> str:
@@ -33,3 +35,11 @@ def test_what_is_missing_is_found(monkeypatch, capsys):
     usage = computer_checks.shutil.disk_usage(".")._replace(free=1e6)
     monkeypatch.setattr(computer_checks.shutil, "disk_usage", lambda path: usage)
     assert verdict("free disk here") == BAD
+
+
+def test_a_firmware_that_is_slow_is_said(monkeypatch):
+    monkeypatch.setattr(firmware, "find_firmware", Mock())
+    for steps, in_time, verdicts in ((2e3, 0.9, (WEAK, WEAK)), (2e4, 1.0, (GOOD, GOOD))):
+        pace = firmware_process.Pace(steps, in_time, 1e-4)
+        monkeypatch.setattr(firmware_process, "measure_pace", lambda _, pace=pace: pace)
+        assert (verdict("Betaflight alone"), verdict("Betaflight in real time")) == verdicts

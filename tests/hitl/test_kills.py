@@ -1,5 +1,6 @@
 """A race's simulation, or its autonomy, is killed: what is left, by phase and by signal."""
 
+import contextlib
 import json
 import os
 import re
@@ -145,8 +146,9 @@ def autonomy_of(race):
     end = time.monotonic() + patient(90)
     while time.monotonic() < end and race.is_running():
         for child in race.children():
-            if "autonomy" in child.cmdline():
-                return child
+            with contextlib.suppress(psutil.NoSuchProcess):  # it has just ended
+                if "autonomy" in child.cmdline():
+                    return child
         time.sleep(0.02)
     raise AssertionError("the race has started no autonomy")
 

@@ -175,6 +175,19 @@ def test_a_second_client_is_refused_until_the_first_is_silent(line, monkeypatch)
         assert len(line.collect()) == 1 and line.link.client[1] == other.ports[0]
 
 
+def test_a_client_that_spoke_while_nobody_listened_was_not_silent(line, monkeypatch):
+    """A simulator that stood still for a while hears another one's command first."""
+    line.deliver(line.client.pack(rates(0.1)))
+    now = client_link.time.monotonic()
+    monkeypatch.setattr(client_link.time, "monotonic", lambda: now + 2.1)
+    with UdpClient() as other:
+        other.simulator = line.client.simulator
+        other.say(rates(0.9))
+        line.client.say(rates(0.1))
+        line.collect()
+    assert line.link.client[1] == line.client.ports[0] and line.link.counts.strangers == 1
+
+
 def test_a_ground_station_listens_and_does_not_fly(line):
     """Its heartbeat comes first; the client is who commands, and both are told all."""
     with UdpClient() as station:

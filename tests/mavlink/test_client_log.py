@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 from pymavlink import mavutil
 
@@ -37,6 +39,15 @@ def test_a_log_is_read_by_pymavlink_and_a_line_a_second_says_what_came(tmp_path)
     )
     assert "heard 2 SET_ATTITUDE_TARGET, 1 COMMAND_LONG" in notes[2]
     assert "heard nothing; told 0" in notes[3] and "RACE, 1 gates" in notes[3]
+
+
+def test_a_full_disk_ends_the_log_and_not_the_race():
+    notes, beat = [], telemetry.heartbeat(DIALECTS["official"], armed=True)
+    with ClientLog(Path("/dev/full"), notes.append) as log:
+        for i in range(1000):
+            log.tap(0.01 * i, True, _bytes(beat))
+    (said,) = notes
+    assert said.startswith("/dev/full cannot be written any more (") and said.endswith("ends here.")
 
 
 def _bytes(message):

@@ -49,10 +49,21 @@ def test_rates_are_those_of_frd_or_mirrored(roll, pitch, yaw, thrust):
     assert setpoint.kind == RATES and setpoint.thrust == thrust
     np.testing.assert_array_equal(setpoint.rates, [roll, -pitch, -yaw])
     # Officially, those of a stick are FRD's, and only those in rad/s are mirrored.
-    curved = setpoint_of(rates(thrust, roll, pitch, yaw), OFFICIAL).rates
-    np.testing.assert_allclose(curved, setpoint.rates * [2.44, 2.46, 2.18])
+    turned = setpoint_of(rates(thrust, roll, pitch, yaw), OFFICIAL).rates
+    np.testing.assert_array_equal(np.sign(turned), np.sign(setpoint.rates))
     plain = setpoint_of(rates(thrust, roll, pitch, yaw, mask=144), OFFICIAL).rates
     np.testing.assert_allclose(plain, -setpoint.rates * [0.98, 0.98, 0.89])
+
+
+@pytest.mark.parametrize(
+    "wanted, gains",
+    [(0.1 * np.pi, [2.44, 2.44, 2.23]), (0.8 * np.pi, [3.09, 3.06, 2.89]), (4.0, [3.4, 3.3, 3.2])],
+)
+def test_the_official_stick_turns_more_the_further_it_is_pushed(wanted, gains):
+    """As one entrant measured at a tenth and at 0.8 of its way, to 2 %; it ends at pi."""
+    for sign in (1.0, -1.0):
+        turned = setpoint_of(rates(0.3, *3 * [sign * wanted]), OFFICIAL).rates
+        assert turned / (sign * wanted) == pytest.approx(gains * np.array([1, -1, -1]), rel=0.02)
 
 
 def test_rates_to_be_ignored_are_none():

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from airrace.common.errors import UserError
 from airrace.vehicle import (
     DRONES,
+    GRAVITY,
     RACERS,
     CameraMount,
     Drag,
@@ -90,6 +91,9 @@ def test_vadr_is_as_the_qualifier_says():
     """51.7 m/s^2 at full thrust, 280 mm wide, the camera in the middle and 20 deg up."""
     vehicle, _ = load_vehicle("vadr")
     assert vehicle.max_thrusts.sum() / vehicle.mass == pytest.approx(51.7, abs=0.02)
+    # In hover, where two of its rotors stop and two give twice as much.
+    most = np.abs(vehicle.allocation[1:]) @ np.full(4, vehicle.mass * GRAVITY / 4)
+    np.testing.assert_allclose(most / vehicle.inertia, [260.0, 260.0, 80.0], rtol=0.01)
     half = max(np.abs(r.position[:2]).max() + r.radius for r in vehicle.rotors)
     assert 2 * half == pytest.approx(0.28)
     X_BC = vehicle.camera.X_BC

@@ -112,7 +112,7 @@ def test_how_it_ended(watching):
     assert watching.lines() == [line, "Results: runs/one"]
     finished = data | {"finished": True, "gates_passed": 17, "time_s": 35.371, "collisions": {}}
     watching.display.print_result(finished, Path("runs/one"), 0)
-    assert watching.lines()[0] == "Finished: 17 of 17 gates in 35.37 s"
+    assert watching.lines()[0] == "Finished: 17 of 17 gates, 35.37 s from the first to the last"
 
 
 def test_lines_are_not_markup(watching):

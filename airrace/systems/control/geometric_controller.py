@@ -18,9 +18,10 @@ from airrace.systems.control.rates_of_wrench import set_rates
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, as_air, drag_rate
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
@@ -44,7 +45,9 @@ class GeometricController(LeafSystem):
         - disturbance
         - disturbance_moment (may be left open: there is none)
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
         - rotor_losses
+        - air (may be left open: it is not known)
         output_ports:
         - rotor_speed_command
         - rate_command (for a flight controller)
@@ -54,7 +57,8 @@ class GeometricController(LeafSystem):
     in the world), see StateFilter; ``disturbance_moment``: likewise a moment
     (N m, in B), see MomentObserver; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
-    ``rotor_losses``: see RotorMonitor. ``rate_command``, for a flight controller that makes rotor
+    ``rotor_factors``: see RotorLearner; ``rotor_losses``: see RotorMonitor; ``air``: see
+    AirLearner. ``rate_command``, for a flight controller that makes rotor
     speeds of it: [f, w_x, w_y, w_z], thrust (N) and rates in B (rad/s), (4,), see set_rates().
 
     The desired angular velocity and acceleration come from the jerk and snap
@@ -92,7 +96,8 @@ class GeometricController(LeafSystem):
             feed_forward: whether to use the reference's jerk, snap, and yaw
                 rates; without, the desired angular velocity and acceleration
                 are zero, as in the original system.
-            disturbance_rejection: whether to lean against the disturbance and its moment.
+            disturbance_rejection: whether to lean against the disturbance and its moment,
+                and to count with what was learnt of rotors and air.
             attitude_error: "reduced", the tilt before the yaw, or "lee", the
                 paper's law; see lee_wrench().
             gains: "vehicle", or "original" for the original system's, the vehicle's
@@ -109,14 +114,22 @@ class GeometricController(LeafSystem):
         n = len(vehicle.rotors)
         self._feed_forward = feed_forward
         self._rejects = disturbance_rejection
-        self._remaining = functools.cache(
-            lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses)))
-        )
         # One vector is quicker to hand over, see common/jit.py.
         parameters = make_parameters(vehicle, attitude_error, gains)
         self._parameters = parameters_vector(parameters)
         self._inertia, self._rate_gains = parameters.inertia, parameters.k_w
-        self._thrust_coefficients = vehicle.thrust_coefficients
+
+        @functools.lru_cache(maxsize=64)
+        def known(losses, factors):
+            there = vehicle.with_thrusts(np.frombuffer(factors))
+            return (
+                Remaining(there, np.isinf(np.frombuffer(losses))),
+                parameters_vector(make_parameters(there, attitude_error, gains)),
+                there.thrust_coefficients,
+            )
+
+        self._known = known
+        self._as_in_file = np.ones(n).tobytes()
         self._max_speeds = vehicle.max_speeds
         self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0
         self._reduced = ReducedAttitude(vehicle)
@@ -125,7 +138,9 @@ class GeometricController(LeafSystem):
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
         self._moment = self.DeclareVectorInputPort("disturbance_moment", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
+        self._factors = self.DeclareVectorInputPort("rotor_factors", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
@@ -150,31 +165,42 @@ class GeometricController(LeafSystem):
         return cls(vehicle=load_vehicle(scenario.drone)[0], **options)
 
     def _update_command(self, context, discrete_state):
-        remaining = self._remaining(read_vector(self._losses, context).tobytes())
-        estimate, disturbance, moment = read_vector(self._estimate, context), _NONE, _NONE
+        losses = read_vector(self._losses, context).tobytes()
+        factors = self._as_in_file
+        if self._rejects and self._factors.HasValue(context):
+            factors = read_vector(self._factors, context).tobytes()
+        # Whether it can fly is not asked of what was learnt: that changes in flight.
+        can_fly = self._known(losses, self._as_in_file)[0].can_fly
+        remaining, parameters, coefficients = self._known(
+            losses, factors if can_fly else self._as_in_file
+        )
+        estimate = read_vector(self._estimate, context)
+        disturbance, moment, air = _NONE, _NONE, STILL_VECTOR
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
-            if self._moment.HasValue(context):
-                moment = read_vector(self._moment, context)
-        if remaining.can_fly:
+            moment = read_or(_NONE, self._moment, context)
+            air = read_or(STILL_VECTOR, self._air, context)
+        if can_fly:
             reference = self._reference.Eval(context)
-            _lean(reference, disturbance, self._feed_forward)
-            wrench = self.calc_wrench(reference, estimate)
-            if self._own is not None:
+            _lean(reference, disturbance, self._feed_forward, air)
+            if self._own is None:
+                wrench = _wrench(reference, estimate, parameters)
+            else:
+                wrench = self.calc_wrench(reference, estimate)
                 wrench = self._own.checked(wrench, reference, estimate, discrete_state)
-            wrench = wrench - np.array((0.0, *moment))
         elif all_finite(estimate) and all_finite(disturbance):
-            wrench = self._reduced.wrench(estimate, disturbance, remaining)
+            wrench, moment = self._reduced.wrench(estimate, disturbance, remaining), _NONE
         else:
             return
         if self._rates is not None and all_finite(wrench):
             rates = discrete_state.get_mutable_value(self._rates)
             set_rates(rates, wrench, estimate, self._inertia, self._rate_gains)
+        wrench = wrench - np.array((0.0, *moment))
         allocator, command = remaining.allocator, discrete_state.get_mutable_value()
         rotors = (
             read_vector(self._speeds, context),
             remaining.max_thrusts,
-            self._thrust_coefficients,
+            coefficients,
             self._max_speeds,
             self._overdrive,
         )
@@ -197,9 +223,13 @@ class GeometricController(LeafSystem):
 
 
 @compiled
-def _lean(reference, disturbance, feed_forward):
-    """Makes a reference, (18,), lean against a disturbance (m/s^2); see GeometricController."""
-    _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+def _lean(reference, disturbance, feed_forward, air):
+    """Makes a reference, (18,), lean against a disturbance (m/s^2), (3,); see GeometricController.
+
+    The drag of the air, vector of an Air, (7,), changes as the velocity does.
+    """
+    _, velocity, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+    jerk -= drag_rate(velocity, acceleration, as_air(air))
     acceleration -= disturbance
     if not feed_forward:
         assign(jerk, _NONE)

@@ -11,7 +11,7 @@ from airrace.math.quaternion import rotation_matrix
 from airrace.math.vec3 import cross, rotate
 from airrace.systems.estimation.state_filter import FLYING, specific_thrust
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -43,10 +43,12 @@ class MomentObserver(LeafSystem):
         input_ports:
         - filtered_estimate
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
         output_ports:
         - disturbance_moment
 
-    ``filtered_estimate`` is a vehicle.State (14), ``rotor_speeds`` as measured (rad/s);
+    ``filtered_estimate`` is a vehicle.State (14), ``rotor_speeds`` as measured (rad/s),
+    ``rotor_factors`` see RotorLearner;
     ``disturbance_moment`` (3) is in B (N m). It is what rotors that are not all equal make, or a
     centre of mass that is elsewhere, or what hits one side. A controller that leans against it
     does not fly beside its reference.
@@ -66,7 +68,9 @@ class MomentObserver(LeafSystem):
         self._thrust_per_mass = thrusts / vehicle.mass
         self._most = _MOST * np.abs(vehicle.allocation[1:]) @ vehicle.max_thrusts / 2.0
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
+        self._ones = np.ones(len(vehicle.rotors))
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
         self._memory = self.DeclareDiscreteState(_memory_vector(ObserverMemory(-1.0, np.zeros(3))))
         self._moment = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
@@ -84,7 +88,7 @@ class MomentObserver(LeafSystem):
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
             self._inertia,
-            self._moments,
+            self._moments * read_or(self._ones, self._factors, context),
             self._thrust_per_mass,
             self._most,
         )

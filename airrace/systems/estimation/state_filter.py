@@ -8,12 +8,13 @@ from pydrake.math import DiscreteAlgebraicRiccatiEquation
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.common.packing import Packing
-from airrace.math.quaternion import integrate
+from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, as_air, drag_acceleration
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -38,12 +39,13 @@ class FilterMemory(NamedTuple):
     thrust: float  #: of the rotors, per mass (m/s^2)
     position: np.ndarray  #: p_WB then (m), (3,)
     velocity: np.ndarray  #: v_WB then (m/s), (3,)
+    rest: np.ndarray  #: of the disturbance, without the drag that is known (m/s^2), (3,)
 
 
-_NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))
+_NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3), np.zeros(3))
 
 
-_PACKING = Packing(FilterMemory, position=3, velocity=3)
+_PACKING = Packing(FilterMemory, position=3, velocity=3, rest=3)
 _as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
@@ -56,14 +58,17 @@ class StateFilter(LeafSystem):
         input_ports:
         - state_estimate
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
+        - air (may be left open: it is not known)
         output_ports:
         - filtered_estimate
         - disturbance
 
     ``state_estimate`` and ``filtered_estimate`` are of vehicle.State (14);
-    ``rotor_speeds`` as measured (rad/s); ``disturbance`` (3) is the acceleration
-    that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
-    in the world).
+    ``rotor_speeds`` as measured (rad/s); ``rotor_factors`` see RotorLearner, ``air`` see
+    AirLearner; ``disturbance`` (3) is the acceleration that rotors and gravity do not explain, by
+    wind, drag, or a wrong mass (m/s^2, in the world). Of drag that is known it follows every
+    change of the velocity; the rest is thought to wander.
 
     Noise on the velocity does not average out in flight: rotors answer with
     the square of a lagged speed, so that jitter in their command costs mean
@@ -85,7 +90,10 @@ class StateFilter(LeafSystem):
         self._gain = kalman_gain(1.0 / state_rate)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
+        self._ones = np.ones(len(vehicle.rotors))
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         self._memory = self.DeclareDiscreteState(_memory_vector(_NOTHING))
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
@@ -107,9 +115,10 @@ class StateFilter(LeafSystem):
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
-            self._thrust_per_mass,
+            self._thrust_per_mass * read_or(self._ones, self._factors, context),
             self._gain,
             context.get_time(),
+            read_or(STILL_VECTOR, self._air, context),
         )
 
     def _calc_estimate(self, context, output):
@@ -202,22 +211,25 @@ def _carry_forward(result, estimate, memory, disturbance, time):
 
 
 @compiled
-def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
+def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now, air):
     """Predicts and corrects by an estimate, if it is new; else predicts the present.
 
     Args:
-        memory: vector of a FilterMemory, (9,); changed.
+        memory: vector of a FilterMemory, (12,); changed.
         disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
         speeds, thrust_per_mass: see specific_thrust().
         gain: see kalman_gain().
         now: (s).
+        air: vector of an Air, (7,).
     """
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
         return  # the prediction goes on from the last that was
     thrust = specific_thrust(thrust_per_mass, speeds)
-    time, p, v = state.time, state.position.copy(), state.velocity.copy()
+    time, p, v, rest = state.time, state.position.copy(), state.velocity.copy(), m.rest.copy()
+    z_B = rotation_matrix(state.quaternion)[:, 2]
+    assign(disturbance, rest + drag_acceleration(m.velocity, z_B, as_air(air)))
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
         until = time if is_new else now
@@ -227,12 +239,13 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
             e_p, e_v = state.position - p, state.velocity - v
             p, v = p + gain[0, 0] * e_p + gain[0, 1] * e_v, v + gain[1, 0] * e_p + gain[1, 1] * e_v
             if thrust >= FLYING * GRAVITY:
-                disturbance += gain[2, 0] * e_p + gain[2, 1] * e_v
-            length = math.sqrt(dot(disturbance, disturbance))
-            disturbance *= min(1.0, MAX_DISTURBANCE / max(length, 1e-9))
+                rest += gain[2, 0] * e_p + gain[2, 1] * e_v
+            length = math.sqrt(dot(rest, rest))
+            rest *= min(1.0, MAX_DISTURBANCE / max(length, 1e-9))
     predicted_to = time if is_new or begins else now
     numbers = np.array((predicted_to, max(time, m.newest), thrust))
-    assign(memory, np.concatenate((numbers, p, v)))
+    assign(memory, np.concatenate((numbers, p, v, rest)))
+    assign(disturbance, rest + drag_acceleration(v, z_B, as_air(air)))
 
 
 def kalman_gain(dt: float) -> np.ndarray:

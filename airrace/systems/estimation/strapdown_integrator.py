@@ -18,7 +18,7 @@ from airrace.systems.estimation.navigation import (
 )
 from airrace.systems.estimation.state_filter import FLYING, MAX_DISTURBANCE, specific_thrust
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.ports import read_vector
+from airrace.systems.ports import read_or, read_vector
 from airrace.systems.sensing.imu_samples import (
     IMU_SIZE,
     SAMPLE_SIZE,
@@ -59,6 +59,7 @@ class StrapdownIntegrator(LeafSystem):
         - imu
         - corrections
         - rotor_speeds
+        - rotor_factors (may be left open: rotors are as in the drone's file)
         output_ports:
         - state_estimate
         - filtered_estimate
@@ -67,11 +68,12 @@ class StrapdownIntegrator(LeafSystem):
         - imu_silence
 
     ``imu`` (70) see ImuSamples; ``corrections`` (17) is a Navigation of a moment ago;
-    ``rotor_speeds`` as measured (rad/s). ``state_estimate`` (14) is of the newest sample's time,
-    its angular velocity the mean of ten; ``filtered_estimate`` (14) is of the present, with all
-    that the sensor has shown. ``disturbance`` (3) is the acceleration that rotors and gravity do
-    not explain (m/s^2, in the world), smoothed: the accelerometer less the rotors' thrust. So
-    neither noise of the estimate nor a correction of it drives it. ``imu_history`` (7 n) are the
+    ``rotor_speeds`` as measured (rad/s), ``rotor_factors`` see RotorLearner.
+    ``state_estimate`` (14) is of the newest sample's time, its angular velocity the mean of ten;
+    ``filtered_estimate`` (14) is of the present, with all that the sensor has shown.
+    ``disturbance`` (3) is the acceleration that rotors and gravity do not explain (m/s^2, in the
+    world), smoothed: the accelerometer less the rotors' thrust. So neither noise of the estimate
+    nor a correction of it drives it. ``imu_history`` (7 n) are the
     newest n samples, newest first, for GateSlam; ``imu_silence`` (1) is the time since the newest
     sample of the sensor that was sound (s).
 
@@ -114,7 +116,9 @@ class StrapdownIntegrator(LeafSystem):
         self._model = tuple(model)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
+        self._ones = np.ones(len(vehicle.rotors))
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
         # One vector: to get several from the Context takes longer than a step. But the disturbance
         # is read as often as it changes, and of a state of its own that calls no Python.
         self._memory = self.DeclareDiscreteState(_initial_memory(depth, start))
@@ -144,6 +148,7 @@ class StrapdownIntegrator(LeafSystem):
             read_vector(self._imu, context),
             read_vector(self._corrections, context),
             read_vector(self._speeds, context),
+            read_or(self._ones, self._factors, context),
             context.get_time(),
             self._model,
         )
@@ -210,7 +215,7 @@ def _initial_memory(depth, start):
 
 
 @compiled
-def _step(vector, disturbance, samples, corrections, speeds, now, model):
+def _step(vector, disturbance, samples, corrections, speeds, factors, now, model):
     """Takes up what the sensor has shown, and a correction; see StrapdownIntegrator.
 
     Args:
@@ -219,13 +224,14 @@ def _step(vector, disturbance, samples, corrections, speeds, now, model):
         samples: of the sensor, newest first, (7 m,).
         corrections: vector of a Navigation, (17,).
         speeds: of the rotors (rad/s), (r,).
+        factors: of their thrusts, (r,).
         now: (s).
         model: a _Model, as a tuple.
     """
     memory, constants = _as_memory(vector), _Model(*model)
     history, heard, last = memory.history, memory.heard, memory.history[0, 0]
     samples = samples.reshape((-1, SAMPLE_SIZE))
-    thrust, count = specific_thrust(constants.thrust_per_mass, speeds), 0
+    thrust, count = specific_thrust(constants.thrust_per_mass * factors, speeds), 0
     if not _is_stuck(samples, thrust, last > heard[0]):
         count = remember(history, samples, constants.ranges)
     if count > 0:

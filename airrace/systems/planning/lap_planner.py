@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
-from airrace.scenario import PlannerConfig, Scenario
+from airrace.scenario import BETAFLIGHT, PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
@@ -18,18 +18,26 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
-from airrace.systems.planning.path_clock import CLOCK_SIZE, as_clock
+from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, as_clock
 from airrace.systems.planning.plan_checks import check_plan
+from airrace.systems.ports import read_or
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
-_ROUNDING = 1e-12  # s
+_ROUNDING = 1e-12  # s, and of a step
+# Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
+_STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
+# Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
+_UNEQUAL, _GUSTS = 0.1, 0.03
+# Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
+_BETAFLIGHT_SHARE = 0.9
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -61,6 +69,7 @@ class LapPlanner(LeafSystem):
         - policy_status (may be left open: nobody else flies)
         - path_clock (may be left open: plans never wait)
         - rotor_factors (may be left open: the drone is as in its file)
+        - air (may be left open: there is no drag)
         output_ports:
         - lap_plan
 
@@ -119,7 +128,7 @@ class LapPlanner(LeafSystem):
         max_speed, max_acceleration = parse_limits(config.limits)
         self._limits = FlightLimits(
             vehicle,
-            thrust_share=config.thrust_share,
+            thrust_share=config.thrust_share or 1.0,
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
@@ -138,6 +147,7 @@ class LapPlanner(LeafSystem):
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._policy = self.DeclareAbstractInputPort("policy_status", Value[object]())
         self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
+        self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
@@ -169,7 +179,7 @@ class LapPlanner(LeafSystem):
             return cls(
                 vehicle=load_vehicle(scenario.drone)[0],
                 trajectory=scenario.trajectory,
-                config=scenario.planner,
+                config=_config_of(scenario),
                 laps=scenario.laps,
                 solve=solve,
             )
@@ -196,7 +206,7 @@ class LapPlanner(LeafSystem):
 
     def _delay(self, context: Context) -> float:
         """Returns how far the clock of plans is behind (s); all times below are by that clock."""
-        return as_clock(self._clock.Eval(context)).delay if self._clock.HasValue(context) else 0.0
+        return as_clock(read_or(REGULAR_VECTOR, self._clock, context)).delay
 
     def _in_force_from(self, context: Context, latency: float) -> float:
         """Returns when a plan that is searched for now comes into force (s): at an event."""
@@ -300,9 +310,7 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
-        rotor_factors = np.ones(len(self._limits.vehicle.rotors))
-        if self._factors.HasValue(context):
-            rotor_factors = self._factors.Eval(context).copy()
+        factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         return self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -311,20 +319,44 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved),
                 start=start,
                 old=old,
-                rotor_factors=rotor_factors,
+                rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
+                air=_AIR_STEPS * np.round(read_or(STILL_VECTOR, self._air, context) / _AIR_STEPS),
             )
         )
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
-        vehicle = self._limits.vehicle.with_thrusts(request.rotor_factors)
+        limits, factors, air = self._limits, request.rotor_factors, as_air(request.air)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=dc.replace(self._limits, vehicle=vehicle),
+            limits=dc.replace(
+                limits,
+                vehicle=limits.vehicle.with_thrusts(factors),
+                thrust_share=limits.thrust_share * (1.0 - _reserve(factors, air)),
+                air=air,
+            ),
             style=self._style,
             always=self._always,
         )
+
+
+def _config_of(scenario: Scenario) -> PlannerConfig:
+    """Returns how laps are planned; Betaflight's mixer needs thrust that no plan takes."""
+    share = scenario.planner.thrust_share
+    if share is None and scenario.flight_controller == BETAFLIGHT:
+        share = _BETAFLIGHT_SHARE
+    return dc.replace(scenario.planner, thrust_share=share)
+
+
+def _reserve(factors: np.ndarray, air: Air) -> float:
+    """Returns which share of the rotors' thrust a plan leaves, because of what was learnt.
+
+    Where rotors are unequal, the weakest is at its limit alone, and what it lacks is always yaw of
+    the same sign. Where there is wind, there are gusts.
+    """
+    gusts = 0.0 if air.is_still else _GUSTS
+    return _UNEQUAL * float(np.ptp(factors)) + gusts
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

@@ -18,7 +18,6 @@ from airrace.vehicle import GRAVITY
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
 _LEAST_GAIN = 1e-6  # s: durations are no more exact, so less is no reason for another plan
-_ROUNDING = 1e-3  # of a rotor's limit
 _SLOWER = (0.8, 0.6, 0.4)  # of speed and acceleration, tried in turn
 _NUMPY = ThreadpoolController()
 
@@ -116,12 +115,4 @@ def _best_lap(laps: Laps, old: LapPlan, always: bool = False) -> tuple[Circuit |
     if best is None or always:
         return best, bound
     gain = old.circuit.duration - best.duration
-    stays = gain < _LEAST_GAIN and laps.fits(old.circuit) and _can_be_flown(old, laps)
-    return (None if stays else best), bound
-
-
-def _can_be_flown(old: LapPlan, laps: Laps) -> bool:
-    """Whether the rotors, as strong as they are thought to be now, have what an old plan asks."""
-    most = laps.constraints.limits.max_thrusts.tolist()
-    asked = old.summary.max_thrusts
-    return all(a <= (1.0 + _ROUNDING) * limit for a, limit in zip(asked, most))
+    return (None if gain < _LEAST_GAIN and laps.fits(old.circuit) else best), bound

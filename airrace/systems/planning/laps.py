@@ -12,12 +12,14 @@ from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.planning.map_margins import largest_move
 from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit, LapStyle
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
+_EXCESS = 1e-3  # of a rotor's limit, likewise
 
 
 class PlanRequest(NamedTuple):
@@ -30,6 +32,7 @@ class PlanRequest(NamedTuple):
     start: np.ndarray
     old: LapPlan
     rotor_factors: np.ndarray
+    air: np.ndarray
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -50,6 +53,7 @@ class LapProblem(Immutable):
     old: LapPlan  #: the LapPlan in force until then, NO_PLAN before the first
     #: Of each rotor's thrust, by which ``limits`` differ from the vehicle's file, (n,).
     rotor_factors: np.ndarray
+    air: np.ndarray  #: vector of the Air that is in ``limits``, (7,)
     style: LapStyle = LapStyle()  #: of minimum-snap laps
     #: Whether a new plan is flown even if the old one is quicker and still fits.
     always: bool = False
@@ -60,13 +64,14 @@ class LapProblem(Immutable):
         return PlanRequest(*(getattr(self, name) for name in PlanRequest._fields))
 
     def has_same_lap(self, other: "LapProblem") -> bool:
-        """Whether another problem is of the very same gates, and of rotors as strong."""
+        """Whether another problem is of the very same gates, rotors and air."""
         return (
             [gate.number for gate in self.gates] == [gate.number for gate in other.gates]
             and largest_move(self.gates, other.gates) == 0.0
             and np.array_equal(self.pylons, other.pylons)
             and np.array_equal(self.margins, other.margins)
             and np.array_equal(self.rotor_factors, other.rotor_factors)
+            and np.array_equal(self.air, other.air)
         )
 
 
@@ -122,13 +127,20 @@ class Laps(abc.ABC):
         return point_mass_bound(self.gates, self.constraints)
 
     def fits(self, circuit: Circuit) -> bool:
-        """Whether a lap leads through the gates, and clear of pylons, as they are known now."""
+        """Whether a lap leads through the gates, and clear of pylons, as they are known now.
+
+        And whether the rotors, as strong as they are thought to be, have what it asks.
+        """
         crossed = np.array([circuit.derivatives(t)[0, :3] for t in circuit.gate_times[:-1]])
         if crossed.shape != self.gates.midpoints.shape:
             return False
         missed = np.linalg.norm(self.gates.nearest(crossed) - crossed, axis=1)
         samples = circuit.sample(sample_times(circuit, 1000.0))
         distances = pylon_distances(samples, self.constraints.pylons)
+        limits = self.constraints.limits
+        thrusts, _ = inverse_dynamics(samples, limits.vehicle, limits.air)
+        if np.any(thrusts.max(axis=1) > (1.0 + _EXCESS) * limits.max_thrusts):
+            return False
         return bool(
             missed.max() <= _SLACK and np.all(distances >= self.constraints.clearance - _SLACK)
         )

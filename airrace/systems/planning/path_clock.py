@@ -68,3 +68,4 @@ class PathClock(NamedTuple):
 _PACKING = Packing(PathClock)
 as_clock, clock_vector, CLOCK_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
 REGULAR = PathClock(*CLOCK_SIZE * [0.0])
+REGULAR_VECTOR = clock_vector(REGULAR)  # for ports that are left open

@@ -7,7 +7,13 @@ from pydrake.common.value import Value
 
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.planning.path_clock import REGULAR, PathClock, as_clock, clock_vector
+from airrace.systems.planning.path_clock import (
+    REGULAR,
+    REGULAR_VECTOR,
+    PathClock,
+    as_clock,
+    clock_vector,
+)
 from airrace.systems.ports import read_vector
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -51,26 +57,27 @@ class PathGovernor(LeafSystem):
     plans as they are, to the last bit.
     """
 
-    def __init__(self, *, rate: float):
-        """Args: rate: of updates (Hz)."""
+    def __init__(self, *, rate: float, waits: bool = True):
+        """Args: rate: of updates (Hz). waits: whether it ever slows the clock."""
         LeafSystem.__init__(self)
+        self._waits = waits
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
-        clock = self.DeclareDiscreteState(clock_vector(REGULAR))
+        clock = self.DeclareDiscreteState(REGULAR_VECTOR)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareStateOutputPort("path_clock", clock)
 
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the governor of a scenario."""
-        return cls(rate=scenario.controller.rate)
+        return cls(rate=scenario.controller.rate, waits=scenario.planner.waits)
 
     def _update(self, context, discrete_state):
         clock = as_clock(context.get_discrete_state(0).value())
         plan, now = self._plan.Eval(context), context.get_time()
         position = as_state(read_vector(self._estimate, context)).position
         error = 0.0
-        if plan is not NO_PLAN and np.isfinite(position).all():
+        if self._waits and plan is not NO_PLAN and np.isfinite(position).all():
             error = float(np.linalg.norm(clock.reference(plan, now)[:3] - position))
         after = _governed(clock, now, error)
         if after is not clock:

@@ -9,7 +9,8 @@ from airrace.systems.planning.laps import Laps
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import pylon_distances
-from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
+from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
@@ -23,7 +24,9 @@ _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 _FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4, 6), (2, 3, 1)
 # s, lost on a transition without a loop, beside the guessed time to gate 1 and the lap's on.
 _MAX_LOST = 2.0
-_SAMPLES = 50  # of the rest of the old lap
+_SAMPLES = 50  # of the rest of the old lap, and of its part that a transition begins with
+# s, that it takes to ask less of the rotors than the old plan; and how much that is, meanwhile.
+_EASING, _ROOM = 0.3, 1.01
 
 
 class TimeOptimalLaps(Laps):
@@ -59,15 +62,18 @@ class TimeOptimalLaps(Laps):
     def transition(
         self, circuit: Circuit, start: np.ndarray, remaining: float | None
     ) -> tuple[FlatTrajectory, float]:
+        limits = self.constraints.limits
         if remaining is None:
             joins, constraints, old = _FROM_HOVER, self.constraints, None
             gate = circuit.derivatives(0.0)
             first = 2.0 * np.linalg.norm(gate[0, :3] - start[0, :3]) / np.linalg.norm(gate[1, :3])
         else:
             joins, first, old = _BETWEEN_LAPS, remaining, self._old
-            # It may start where the old plan comes nearer than is asked of a new one.
+            # It may start where the old plan comes nearer than is asked of a new one, or asks more
+            # of rotors that have turned out weaker.
             clearance = np.minimum(self.constraints.clearance, self._old_distances(remaining))
-            constraints = dc.replace(self.constraints, clearance=clearance)
+            limits = dc.replace(limits, thrust_share=max(limits.thrust_share, self._old_share()))
+            constraints = dc.replace(self.constraints, clearance=clearance, limits=limits)
         joins = [k for k in joins if k < len(circuit.headings)]
         guesses = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
         found = []  # with what is lost on them (s)
@@ -89,6 +95,13 @@ class TimeOptimalLaps(Laps):
     def _old(self, time: float) -> np.ndarray:
         """Returns where the old plan leads to after a time, as in LapPlan.derivatives()."""
         return self._problem.old.derivatives(self._problem.start_time + time)
+
+    def _old_share(self) -> float:
+        """Returns which share of the rotors' limits a transition from the old plan may need."""
+        start = [flat_outputs(self._old(t)) for t in np.linspace(0.0, _EASING, _SAMPLES)]
+        limits = self.constraints.limits
+        thrusts, _ = inverse_dynamics(np.transpose(start), limits.vehicle, limits.air)
+        return float(_ROOM * np.max(thrusts / limits.vehicle.max_thrusts[:, None]))
 
     def _old_distances(self, remaining: float) -> np.ndarray:
         """Returns how near the old plan comes to each pylon before gate 1, (m,) m."""

@@ -4,8 +4,8 @@ from pydrake.common.value import Value
 
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR, as_clock
-from airrace.systems.ports import read_vector
+from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, as_clock
+from airrace.systems.ports import read_or, read_vector
 from airrace.systems.types import LAND
 from airrace.trajopt.reference import REFERENCE_SIZE
 
@@ -46,6 +46,5 @@ class TrajectoryTracker(LeafSystem):
         if plan is NO_PLAN or lands:
             output.set_value(read_vector(self._exploration, context))
         else:
-            clock = self._clock
-            now = as_clock(read_vector(clock, context)) if clock.HasValue(context) else REGULAR
-            output.set_value(now.reference(plan, context.get_time()))
+            clock = as_clock(read_or(REGULAR_VECTOR, self._clock, context))
+            output.set_value(clock.reference(plan, context.get_time()))

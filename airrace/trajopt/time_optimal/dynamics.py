@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
+from airrace.trajopt.flatness import axial_drag, moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _STEP = 1e-30  # of complex-step derivatives
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
 _INPUTS = [(k, d) for k in (2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
+_IN_AIR = [(1, d) for d in range(3)]  # and with drag
 
 
 def angle_dynamics(
@@ -40,7 +41,7 @@ def angle_dynamics(
         acceleration in B, (3, N).
     """
     vehicle = limits.vehicle
-    force, *rates = thrust_vectors(flat, units)
+    force, *rates = thrust_vectors(flat, units, limits.air)
     b, db, ddb = unit_vector(force, *rates)
     *_, angle, rate, acceleration = as_reference(flat)
     c, s = np.cos(angle), np.sin(angle)
@@ -55,7 +56,10 @@ def angle_dynamics(
             acceleration,
         ]
     )
-    thrust = vehicle.mass * np.sqrt(np.sum(force * force, axis=0))
+    velocity = as_reference(flat).velocity
+    thrust = vehicle.mass * (
+        np.sqrt(np.sum(force * force, axis=0)) + axial_drag(velocity, b, units, limits.air)
+    )
     wrench = np.vstack([thrust, moments(vehicle, w, alpha)])
     return limits.from_wrench @ wrench, force, w, alpha
 
@@ -85,7 +89,9 @@ class LinearDynamics(NamedTuple):
     @classmethod
     def linearize(cls, samples: "LapSamples") -> "LinearDynamics":
         """Args: samples: LapSamples."""
-        limits, copies = samples.limits, len(_INPUTS) + 1
+        limits = samples.limits
+        inputs = _INPUTS if limits.air.is_still else _IN_AIR + _INPUTS
+        copies = len(inputs) + 1
         axes = [np.tile(axis, copies) for axis in samples.axes]
 
         def quantities(flat, units):
@@ -94,7 +100,7 @@ class LinearDynamics(NamedTuple):
             rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
             return force, rest, np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None], w
 
-        return cls(*complex_step_gradients(quantities, samples.flat, samples.units, _INPUTS))
+        return cls(*complex_step_gradients(quantities, samples.flat, samples.units, inputs))
 
 
 def complex_step_gradients(

@@ -66,7 +66,9 @@ class LapSamples:
         """
         between = lap.evaluate(grid.matrices_between)
         y = lap.evaluate(grid.matrices)
-        *axes, total = transported_axes(y, between, lap.durations, grid.fractions, lap.chart)
+        *axes, total = transported_axes(
+            y, between, lap.durations, grid.fractions, lap.chart, limits.air
+        )
         if lap.has_turn:
             lap = lap.with_turn(turn + total)
             y = lap.evaluate(grid.matrices)

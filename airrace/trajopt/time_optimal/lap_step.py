@@ -81,7 +81,9 @@ class LapStep:
         grid, lap = self.grid, self.lap
         force, d_force, force_by_T = self.dynamics.force
         between = lap.evaluate(grid.matrices_between)
-        gradients, by_T, sums = turn_gradients(between, lap.durations, grid.fractions, lap.chart)
+        gradients, by_T, sums = turn_gradients(
+            between, lap.durations, grid.fractions, lap.chart, self.samples.limits.air
+        )
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
         amount = np.linalg.norm(force, axis=0)
         chart = lap.chart

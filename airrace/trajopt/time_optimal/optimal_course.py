@@ -147,7 +147,7 @@ def _fine(lap: LapSpline, count: int = 1) -> Grid:
 
 def _clear_chart(samples: LapSamples) -> np.ndarray:
     """Returns a LapSpline's chart with which the thrust's axis keeps far from the pole."""
-    force, *_ = thrust_vectors(samples.flat, samples.units)
+    force, *_ = thrust_vectors(samples.flat, samples.units, samples.limits.air)
     b = force / np.linalg.norm(force, axis=0)
     angles = np.arange(16) * np.pi / 8
     level = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(16)])

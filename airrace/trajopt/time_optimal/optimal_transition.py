@@ -20,6 +20,7 @@ from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
 from airrace.trajopt.time_optimal.thrust_axis_angle import least_rotation_axes
+from airrace.vehicle.air import Air
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
 # Transitions vary faster than laps, and are short: a small share of one is nothing to the race.
@@ -66,7 +67,7 @@ def plan_optimal_transition(
     yaws = np.unwrap([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
     limits = constraints.limits
     # Position, and the angle about the thrust in the place of yaw.
-    ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s)]) for s in (start, goal)]
+    ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s, limits.air)]) for s in (start, goal)]
     turn = ends[1][0, 3] - ends[0][0, 3]
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
     search = LapSearch(
@@ -99,12 +100,13 @@ def plan_optimal_transition(
     return transition, phase
 
 
-def _thrust_axis_angle(state: np.ndarray) -> np.ndarray:
+def _thrust_axis_angle(state: np.ndarray, air: Air) -> np.ndarray:
     """Returns the angle about the thrust from the least rotation's axes, and derivatives, (5,)."""
     flat = flat_outputs(state)
     *_, yaw, rate, acceleration = as_reference(flat)
     axes, w, alpha = attitude_from_force(
-        *thrust_vectors(flat), heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
+        *thrust_vectors(flat, air=air),
+        heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
     )
     e1, e2 = least_rotation_axes(axes[2])
     return np.array([np.arctan2(axes[0] @ e2, axes[0] @ e1), w[2], alpha[2], 0.0, 0.0])

@@ -14,6 +14,7 @@ import numpy as np
 from airrace.trajopt.flat_trajectory import pack
 from airrace.trajopt.flatness import thrust_vectors, unit_vector
 from airrace.trajopt.time_optimal.dynamics import complex_step_gradients
+from airrace.vehicle.air import Air
 
 _NODES, _WEIGHTS = (0.5 * (x + o) for x, o in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0)))
 
@@ -30,6 +31,7 @@ def transported_axes(
     durations: np.ndarray,
     fractions: np.ndarray,
     chart: np.ndarray,
+    air: Air,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Returns the axes of a body that flies a lap without turning about its thrust.
 
@@ -41,6 +43,7 @@ def transported_axes(
         between: likewise at the quadrature()'s nodes.
         durations: of legs, (n,) s. fractions: of the samples, (samples,).
         chart: see LapSpline.
+        air: that is flown through.
 
     Returns:
         (x axes, y axes, turn): in the world, (3, n samples) each; and the angle
@@ -48,20 +51,21 @@ def transported_axes(
     """
     n, samples = derivatives.shape[1:3]
     flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, between.shape[2])
-    rate = _least_rotation_rate(*_thrust_axes(flat, units, chart))
+    rate = _least_rotation_rate(*_thrust_axes(flat, units, chart, air))
     widths = np.diff(np.append(fractions, 1.0))
     angle = np.sum(rate.reshape(n, samples, -1) * _WEIGHTS, axis=2) * widths
     angle = np.cumsum(angle.ravel())
     turn = float(angle[-1])
     angle = np.concatenate([[0.0], angle[:-1]])
-    b, _ = _thrust_axes(pack(derivatives.reshape(5, -1, 4)), np.repeat(durations, samples), chart)
+    flat = pack(derivatives.reshape(5, -1, 4))
+    b, _ = _thrust_axes(flat, np.repeat(durations, samples), chart, air)
     e1, e2 = (chart.T @ axis for axis in least_rotation_axes(b))
     c, s = np.cos(angle), np.sin(angle)
     return c * e1 - s * e2, s * e1 + c * e2, turn
 
 
 def turn_gradients(
-    between: np.ndarray, durations: np.ndarray, fractions: np.ndarray, chart: np.ndarray
+    between: np.ndarray, durations: np.ndarray, fractions: np.ndarray, chart: np.ndarray, air: Air
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns how the turn of the transported axes depends on the lap.
 
@@ -76,9 +80,9 @@ def turn_gradients(
     n, count = between.shape[1:3]
 
     def rates(flat, units):
-        return [_least_rotation_rate(*_thrust_axes(flat, units, chart))[None]]
+        return [_least_rotation_rate(*_thrust_axes(flat, units, chart, air))[None]]
 
-    inputs = [(k, d) for k in (2, 3) for d in range(3)]
+    inputs = [(k, d) for k in ((2, 3) if air.is_still else (1, 2, 3)) for d in range(3)]
     flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, count)
     [(_, gradients, by_T)] = complex_step_gradients(rates, flat, units, inputs)
     widths = np.diff(np.append(fractions, 1.0))
@@ -104,9 +108,9 @@ def _least_rotation_rate(b, db):
     return (b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])
 
 
-def _thrust_axes(flat, units, chart):
+def _thrust_axes(flat, units, chart, air):
     """Returns unit vectors along the thrust, and their derivatives, (3, N) each, after a chart."""
-    return [chart @ each for each in unit_vector(*thrust_vectors(flat, units))[:2]]
+    return [chart @ each for each in unit_vector(*thrust_vectors(flat, units, air))[:2]]
 
 
 def yaw_of_attitude(axes: Sequence[np.ndarray], w: np.ndarray, alpha: np.ndarray) -> np.ndarray:

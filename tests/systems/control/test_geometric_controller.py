@@ -19,6 +19,7 @@ from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.reference import Reference, as_reference
 from airrace.vehicle import GRAVITY, Rotor, Vehicle, load_vehicle
+from airrace.vehicle.air import Air, air_vector, drag_acceleration
 from airrace.vehicle.allocation import Allocator
 from airrace.vehicle.state import as_state
 
@@ -332,6 +333,34 @@ def test_it_leans_against_the_disturbance(drone):
     stubborn = Bench(vehicle, disturbance_rejection=False)
     stubborn.fix(disturbance=push)
     np.testing.assert_allclose(stubborn.update(), speeds, rtol=1e-9)
+
+
+@both_drones
+def test_rotors_that_are_known_to_be_weaker_are_driven_harder(drone):
+    """So that the wrench stays what it was."""
+    vehicle = VEHICLES[drone]
+    factors = 1.0 - 0.02 * np.arange(len(vehicle.rotors))
+    bench = Bench(vehicle, rotor_overdrive=False)
+    bench.fix(rotor_factors=factors)
+    thrusts = factors * vehicle.thrust_coefficients * bench.update() ** 2
+    expected = [vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(vehicle.allocation @ thrusts, expected, atol=1e-9)
+
+
+@both_drones
+def test_it_turns_as_a_drag_that_is_known_changes(drone):
+    air = Air(0.1, 0.01, np.array([1.0, 2.0, 0.0]))
+    reference = hold(P, 0.0)
+    as_reference(reference).velocity[:] = v = np.array([5.0, -3.0, 1.0])
+    as_reference(reference).acceleration[:] = a = np.array([2.0, 1.0, 0.5])
+    lean = Bench(VEHICLES[drone])
+    lean.fix(reference=reference, air=air_vector(air))
+    h = 1e-5
+    drags = [drag_acceleration(v + t * a, np.zeros(3), air) for t in (-h, h)]
+    as_reference(reference).jerk[:] = -(drags[1] - drags[0]) / (2 * h)
+    planned = Bench(VEHICLES[drone])
+    planned.fix(reference=reference)
+    np.testing.assert_allclose(lean.update(), planned.update(), rtol=1e-6)
 
 
 @both_drones

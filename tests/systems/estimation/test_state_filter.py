@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.systems.estimation import state_filter
 from airrace.systems.estimation.state_filter import StateFilter, UnfilteredState, kalman_gain
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.air import Air, air_vector, drag_acceleration
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 STATE_RATE, RATE = 200.0, 500.0
@@ -129,6 +130,27 @@ def test_a_steady_push_is_found(vehicle):
     bench = Bench(Motion(PUSH), vehicle)
     bench.run(0.5)
     assert np.linalg.norm(bench.disturbance - PUSH) < 0.2 * np.linalg.norm(PUSH)
+
+
+def test_rotors_that_are_known_to_be_weaker_push_less():
+    bench = Bench(Motion(PUSH))
+    bench.filter.GetInputPort("rotor_factors").FixValue(bench.context, np.full(4, 0.95))
+    bench.run(4.0)
+    missing = 0.05 * bench.motion.thrust * bench.motion.R.col(2)
+    np.testing.assert_allclose(bench.disturbance, PUSH + missing, atol=1e-6)
+
+
+def test_drag_that_is_known_is_told_at_once():
+    air = Air(0.1, 0.01, np.array([2.0, 0.0, 0.0]), 0.05, 0.01)
+    bench = Bench(Motion(PUSH))
+    bench.run(4.0)
+    before = bench.disturbance
+    bench.filter.GetInputPort("air").FixValue(bench.context, air_vector(air))
+    now = as_state(bench.at(bench.context.get_time() + 1 / RATE))
+    change = bench.disturbance - before
+    z_B = bench.motion.R.col(2)
+    np.testing.assert_allclose(change, drag_acceleration(now.velocity, z_B, air), atol=0.1)
+    assert np.linalg.norm(change) > 1.0
 
 
 def test_an_estimate_counts_once():

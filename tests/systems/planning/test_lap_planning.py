@@ -12,11 +12,12 @@ from threadpoolctl import ThreadpoolController
 from airrace.evaluation.jobs import generated_track
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning import lap_planning
-from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
+from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
+from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.track import Gate, Start, Track, load_track
 from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
@@ -27,6 +28,7 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.air import Air
 from tests.worlds import cases
 
 VEHICLE = load_vehicle("Default")[0]
@@ -66,6 +68,7 @@ def problem(
             start=start,
             old=old,
             rotor_factors=np.ones(4),
+            air=np.zeros(7),
         )
         | changes
     )
@@ -198,7 +201,6 @@ class Laps:
         self.asked, self._found, self._fits = [], {"warm": warm, "cold": cold}, fits
 
     point_mass_lap = types.SimpleNamespace(duration=18.0)
-    constraints = types.SimpleNamespace(limits=FlightLimits(VEHICLE))
 
     def lap(self, previous):
         kind = "cold" if previous is None else "warm"
@@ -229,14 +231,25 @@ def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, ask
     assert (found and found.kind) == kind
 
 
-@pytest.mark.parametrize(("asked", "stays"), [((8.5,) * 4, True), ((8.5, 8.6, 8.5, 8.5), False)])
-def test_an_old_lap_that_asks_too_much_of_a_rotor_is_not_flown_again(asked, stays):
-    old = types.SimpleNamespace(
-        circuit=types.SimpleNamespace(duration=18.0),
-        summary=PlanSummary(bound=18.0, duration=18.0, max_thrusts=asked),
-    )
-    lap, _ = lap_planning._best_lap(Laps(19.0, 19.0, fits=True), old)
-    assert (lap is None) == stays
+def test_an_old_lap_that_asks_too_much_of_a_rotor_does_not_fit():
+    given = problem()
+    for factor, fits in ((1.0, True), (0.4, False)):
+        vehicle = VEHICLE.with_thrusts([1.0, factor, 1.0, 1.0])
+        weaker = dc.replace(given, limits=dc.replace(given.limits, vehicle=vehicle))
+        assert TimeOptimalLaps(weaker).fits(first().circuit) == fits
+    in_air = dc.replace(given, limits=dc.replace(given.limits, air=Air(0.5, 0.0, np.zeros(3))))
+    assert not TimeOptimalLaps(in_air).fits(first().circuit)
+
+
+@pytest.mark.slow
+def test_a_plan_of_rotors_that_turned_out_weaker_is_left_for_one_that_they_can_fly():
+    """The transition begins where the old plan is beyond their limits."""
+    old = first("optimal", "rotor")
+    given = problem(limits="rotor", old=old)
+    weaker = dc.replace(given.limits, vehicle=VEHICLE.with_thrusts([0.93] * 4))
+    plan = plan_lap(dc.replace(given, limits=weaker))
+    assert plan.circuit.duration > old.circuit.duration
+    assert max(plan.summary.max_thrusts) <= 1.02 * max(old.summary.max_thrusts)
 
 
 def test_a_lap_that_is_quicker_by_rounding_alone_is_not_flown():

@@ -5,6 +5,7 @@ import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
+from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.path_clock import as_clock
 from airrace.systems.planning.path_governor import PathGovernor
@@ -79,3 +80,10 @@ def test_without_a_plan_or_an_estimate_it_waits_for_nothing():
     bench.governor.GetInputPort("filtered_estimate").FixValue(bench.context, np.full(14, np.nan))
     bench.simulator.AdvanceTo(1.0)
     assert not any(bench.clock)
+
+
+def test_a_scenario_may_have_it_never_wait():
+    assert PathGovernor.from_scenario(Scenario())._waits
+    bench = Bench()
+    bench.governor._waits = PathGovernor(rate=RATE, waits=False)._waits
+    assert not any(bench.fly(5.0, 50.0))

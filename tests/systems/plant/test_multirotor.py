@@ -257,7 +257,7 @@ def test_the_plant_against_our_own_integration(drone, wind):
     exact = integrate(vehicle, start, 1.0, DT, wind)
     assert distances(exact, start)[0] > 1.5  # it does tumble
     errors = distances(fly(vehicle, sdf, start, 1.0, DT, wind), exact)
-    assert np.all(errors < [0.005, 0.02, 0.005, 0.02])
+    assert np.all(errors < [0.005, 0.02, 0.006, 0.02])
     finer = distances(fly(vehicle, sdf, start, 1.0, DT / 2, wind), exact)
     np.testing.assert_allclose(errors / finer, 2.0, rtol=0.015)  # vadr's rotors lag by ten steps
 

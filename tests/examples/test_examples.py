@@ -224,7 +224,7 @@ def test_planning_a_lap(run, folder):
     text = run("plan_a_lap", folder)
     durations = dict(re.findall(rf"(\S+) +{NUMBER} s ", text))
     # The README's mean laps of this track.
-    for name, duration in {"3-D": 22.11, "6-D": 30.60, "optimal": 19.17}.items():
+    for name, duration in {"3-D": 22.11, "6-D": 30.60, "optimal": 18.98}.items():
         assert float(durations[name]) == pytest.approx(duration, abs=0.3)
 
 

@@ -16,9 +16,9 @@ from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_transition
 
-# Of the limits of the drone, and of speed and acceleration: the transition onto the lap has a little
-# more than the lap.
-_SHARE, _PATH_SHARE = 0.99, 0.999
+# Of the limits, of acceleration and of speed: the transition onto the lap has a little more than
+# the lap.
+_SHARE, _ACCELERATION_SHARE, _SPEED_SHARE = 0.99, 0.998, 0.9998
 _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 # Gates at which a transition joins the lap, tried in turn: from hover, and from the lap before.
 _FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4, 6), (2, 3, 1)
@@ -49,8 +49,8 @@ class TimeOptimalLaps(Laps):
         limits = self.constraints.limits
         limits = dc.replace(
             limits.scaled(_SHARE),
-            max_speed=_PATH_SHARE * limits.max_speed,
-            max_acceleration=_PATH_SHARE * limits.max_acceleration,
+            max_speed=_SPEED_SHARE * limits.max_speed,
+            max_acceleration=_ACCELERATION_SHARE * limits.max_acceleration,
         )
         return plan_optimal_circuit(
             self.gates,
@@ -81,7 +81,12 @@ class TimeOptimalLaps(Laps):
             durations = [first, *np.diff(circuit.gate_times)[: k - 1]]
             with contextlib.suppress(TrajectoryOptimizationError):
                 transition, phase = plan_optimal_transition(
-                    start, durations, self.gates, circuit, constraints, old=guess
+                    start,
+                    durations,
+                    self.gates,
+                    circuit,  # type: ignore[arg-type]
+                    constraints,
+                    old=guess,
                 )
                 found.append((transition.duration - phase - first, transition, phase))
                 # A search may end with a loop before a gate: nothing near it is quicker.

@@ -53,7 +53,8 @@ def _cones(step, leg, order, limit, near):
     for d in range(3):
         rows[:, 1 + d, d:-2:4], rows[:, 1 + d, -1] = by_z[which], by_stretch[which, d]
     values = np.column_stack([np.full(len(which), limit * T**order), y[order, which, :3]])
-    step.in_cones(leg, rows, values, limit=limit * T**order)
+    excess = np.repeat(step.excess[order - 1], len(rows)) if step.excess else None
+    step.in_cones(leg, rows, values, excess, limit * T**order)
 
 
 def _rotors(step, leg, band):

@@ -68,7 +68,7 @@ class Effort:
 
 
 # For planning in flight, from a lap through gates that moved a little.
-IN_FLIGHT = Effort(iterations=3, tolerance=2e-3, samples=24)
+IN_FLIGHT = Effort(iterations=3, tolerance=2e-3, samples=40)
 
 
 class LapSearch:
@@ -155,7 +155,7 @@ class LapSearch:
         """
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
-            step.excess = step.slack(_EXCESS_COST * now.lap.duration)
+            step.excess = [step.slack(_EXCESS_COST * now.lap.duration) for _ in range(2)]
         for i in step.passed:
             place = now.lap.gates[i, 0, :3]
             self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)

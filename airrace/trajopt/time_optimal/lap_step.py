@@ -1,5 +1,7 @@
 """The convex program of one iteration: its variables, and constraints on samples of the lap."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
@@ -31,8 +33,8 @@ class LapStep:
         dynamics: of the samples.
         program: the MathematicalProgram, to be added to.
         passed: indices of the gates that the step may move; not the ends of an open one.
-        excess: a slack(), by which share all limits of the dynamics may be exceeded; None,
-            unless it is set before they are added.
+        excess: two slack()s, by which shares the limit of speed and all other limits of the
+            dynamics may be exceeded; empty, unless it is set before they are added.
     """
 
     def __init__(self, samples: LapSamples, grid: Grid):
@@ -40,7 +42,7 @@ class LapStep:
         self.lap, self.samples, self.grid = samples.lap, samples, grid
         self.dynamics = LinearDynamics.linearize(samples)
         self.program = MathematicalProgram()
-        self.excess: np.ndarray | None = None
+        self.excess: Sequence[np.ndarray] = ()
         T, after = self.lap.durations, self.lap.after
         n, m = self.lap.interior.shape[:2]
         gates = len(self.lap.gates)
@@ -125,7 +127,7 @@ class LapStep:
 
     def excess_found(self) -> float:
         """Returns by which share the solution exceeds limits."""
-        return 0.0 if self.excess is None else max(self.result.GetSolution(self.excess)[0], 0.0)
+        return max([0.0, *(self.result.GetSolution(each)[0] for each in self.excess)])
 
     def _fix(self, *variables):
         for fixed in variables:
@@ -187,13 +189,13 @@ class LapStep:
             rows: (rows, variables). bounds: (rows,).
             slack_cost: of exceeding the worst bound by one (s); None never allows it.
             extra: variables of further columns.
-            limit: of the dynamics, all of it, if it may be exceeded, a number or (rows,).
+            limit: of the dynamics but speed, all of it, if it may be exceeded, a number or (rows,).
         """
         if not len(rows):
             return
         variables = np.concatenate([self._variables[leg], extra])
-        if limit is not None and self.excess is not None:
-            variables = np.append(variables, self.excess)
+        if limit is not None and len(self.excess):
+            variables = np.append(variables, self.excess[1])
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0) * np.reshape(limit, (-1, 1))])
         if slack_cost is not None:
             variables = np.append(variables, self.slack(slack_cost))
@@ -206,19 +208,16 @@ class LapStep:
         rows: np.ndarray,
         values: np.ndarray,
         extra: np.ndarray | None = None,
-        limit: float | None = None,
+        factor: float = 1.0,
     ) -> None:
         """Constrains vectors of rows to Lorentz cones.
 
         Args:
             leg: from 0.
             rows: (cones, k, variables). values: where there is no step, (cones, k).
-            extra: one variable a cone, to be added to its first row.
-            limit: see at_most(), a number; if so, there is no extra.
+            extra: one variable a cone, of which a factor is added to its first row.
         """
-        variables, factor = self._variables[leg], 1.0
-        if limit is not None and self.excess is not None:
-            extra, factor = np.repeat(self.excess, len(rows)), limit
+        variables = self._variables[leg]
         for j, (A, b) in enumerate(zip(rows, values)):
             if extra is not None:
                 A = np.hstack([A, np.zeros((len(A), 1))])

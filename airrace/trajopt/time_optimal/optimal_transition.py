@@ -11,33 +11,32 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.leg import end_constraints
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
-from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
+from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
-from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
+from airrace.trajopt.time_optimal.optimal_circuit import OptimalCircuit, flat_polynomial
 from airrace.trajopt.time_optimal.thrust_axis_angle import least_rotation_axes
 from airrace.vehicle.air import Air
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
 # Transitions vary faster than laps, and are short: a small share of one is nothing to the race.
-_EFFORT = Effort(tolerance=2e-3, samples=40)
+_EFFORT = Effort(tolerance=2e-3)
 _FIT_SAMPLES = 24  # of each leg, for its interior control points
 _SLOWER = (1.0, 1.3, 1.7)  # guesses of all durations
 _LEAST_DURATION = 0.1  # s
-# Of the limits, for what lies between samples; tried in turn. A transition that is searched
-# for from nothing varies faster there.
-_AIMS, _COLD_AIMS = (0.998, 0.994, 0.988), (0.995, 0.988)
+# Of the limit of speed, which varies little, and of the others, for what lies between so many
+# samples of a leg; tried in turn. More samples, too: where the lap begins it has more than less.
+_AIMS = (0.9998, 0.997, 40), (0.9996, 0.993, 64), (0.9994, 0.987, 96)
 
 
 def plan_optimal_transition(
     start: np.ndarray,
     durations: Sequence[float],
     gates: GateRegions,
-    circuit: Circuit,
+    circuit: OptimalCircuit,
     constraints: FlightConstraints,
     *,
     old: Callable[[float], np.ndarray] | None = None,
@@ -62,6 +61,7 @@ def plan_optimal_transition(
         TrajectoryOptimizationError: if none was found within the limits.
     """
     k = len(durations)
+    pieces = circuit.spline.pieces  # so that what is left of a lap is one of the splines
     phase = circuit.gate_times[k - 1]
     goal = circuit.derivatives(phase)
     yaws = np.unwrap([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
@@ -71,7 +71,7 @@ def plan_optimal_transition(
     turn = ends[1][0, 3] - ends[0][0, 3]
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
     search = LapSearch(
-        gates.first(k, start[0, :3], start[0, 3]), turn, constraints, Grid(PIECES, _EFFORT.samples)
+        gates.first(k, start[0, :3], start[0, 3]), turn, constraints, Grid(pieces, _AIMS[0][-1])
     )
     durations, times = np.asarray(durations), circuit.gate_times[: k - 1]
     if old is None:
@@ -80,10 +80,15 @@ def plan_optimal_transition(
     else:
         on_lap = [lambda t, begin=begin: circuit.derivatives(begin + t) for begin in times]
         paths = [(durations, [old, *on_lap])]
-    now = min((search.settled(_guess(*path, ends)) for path in paths), key=search.merit)  # type: ignore[call-arg]
+    guesses = [_guess(*path, ends, pieces) for path in paths]  # type: ignore[call-arg]
+    now = min((search.settled(guess) for guess in guesses), key=search.merit)
     warm = old is not None
-    for aim in _AIMS if warm else _COLD_AIMS:
-        search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
+    for of_speed, aim, samples in _AIMS:
+        aimed = dc.replace(limits.scaled(aim), max_speed=of_speed * limits.max_speed)
+        search.constraints, search.grid = (
+            dc.replace(constraints, limits=aimed),
+            Grid(pieces, samples),
+        )
         now, _ = search.improve(search.settled(now.lap), warm, _EFFORT)
         warm = True
         transition, excess = _finished(now, search, limits, goal)
@@ -126,7 +131,10 @@ def _smoothest(points, ends, durations):
 
 
 def _guess(
-    durations: np.ndarray, legs: Sequence[Callable[[float], np.ndarray]], ends: Sequence[np.ndarray]
+    durations: np.ndarray,
+    legs: Sequence[Callable[[float], np.ndarray]],
+    ends: Sequence[np.ndarray],
+    pieces: int,
 ) -> LapSpline:
     """Returns a path as a spline.
 
@@ -134,6 +142,7 @@ def _guess(
         durations: of its legs (s).
         legs: from the time since each began to position and four derivatives, (5, 3 or 4).
         ends: value and four derivatives of position and thrust-axis angle, (5, 4) each.
+        pieces: of each leg's spline.
     """
     fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
     samples = np.array([[leg(T * x)[:2, :3] for x in fractions] for leg, T in zip(legs, durations)])
@@ -145,8 +154,8 @@ def _guess(
     breaks = np.cumsum([0.0, *durations])
     turn = ends[1][0, 3] - ends[0][0, 3]
     gates[1:-1, 0, 3] = ends[0][0, 3] + (breaks / breaks[-1])[1:-1] * turn
-    lap = LapSpline(gates, np.zeros((len(legs), PIECES - ORDERS, 4)), durations, turn)
-    wanted = lap.evaluate(basis(PIECES, tuple(fractions))[:2])
+    lap = LapSpline(gates, np.zeros((len(legs), pieces - ORDERS, 4)), durations, turn)
+    wanted = lap.evaluate(basis(pieces, tuple(fractions))[:2])
     for order in (0, 1):
         wanted[order, ..., :3] = durations[:, None, None] ** order * samples[:, :, order]
     return lap.fitted(wanted, fractions, (1.0, 1.0))

@@ -81,7 +81,7 @@ _HELD = 300  # steps, of each load
 _RACES = {
     "from pixels": "laps: 10",
     "from pixels, vio": "laps: 3, estimator: vio",
-    "rotor limits, known map": f"{_ROTOR}laps: 3, map: track, camera: {{renderer: none}}",
+    "rotor limits, from pixels": f"{_ROTOR}laps: 6",
 }
 _BOTH = "internal", "betaflight"
 SECTIONS = "steps", "laps", "throttle", "races", "pixels"
@@ -109,24 +109,27 @@ def measure(args) -> dict:
         sources = {name: _source(Path(scratch), name) for name in names}
         if "steps" in args.only:
             figures["steps"] = [
-                {"set": name, "axis": axis} | step(name, axis) for name in names for axis in _STEPS
+                {"set": name, "axis": axis} | step(name, axis)
+                for name in harness.progress(names, "steps")
+                for axis in _STEPS
             ]
         if "laps" in args.only:
             figures["laps"] = [
-                {"set": name} | lap(sources[name], _LAPS + _ROTOR, laps) for name in names
+                {"set": name} | lap(sources[name], _LAPS + _ROTOR, laps)
+                for name in harness.progress(names, "laps")
             ]
         if "throttle" in args.only:
             figures["throttle"] = throttles()
     if "races" in args.only:
         figures["races"] = [
             {"race": name, "flight controller": both} | _fly_with(both, fields)
-            for name, fields in _RACES.items()
+            for name, fields in harness.progress(_RACES.items(), "races", len(_RACES))
             for both in _BOTH
         ]
     if "pixels" in args.only:
         figures["pixels"] = [
             {"flight controller": both} | _fly_with(both, "laps: 1")
-            for _ in range(laps)
+            for _ in harness.progress(range(laps), "pixels")
             for both in _BOTH
         ]
     return figures
@@ -217,6 +220,7 @@ def race(text: str) -> dict:
         "finished": result["finished"],
         "flown": len(times),
         "mean_lap": float(np.mean(times)) if times else np.nan,
+        "settled": float(np.mean(times[2:])) if times[2:] else np.nan,
         "rms": float(np.sqrt(np.mean(np.square(errors)))) if times else np.nan,
         "worst": float(errors.max()) if times else np.nan,
         "real_time": result["wall"]["real_time_factor"],
@@ -260,6 +264,7 @@ def show(figures: dict) -> tuple[list, bool]:
         columns = {x: f"{{{x}}}" for x in firsts} | {
             "laps": "{flown}",
             "mean lap (s)": "{mean_lap:.2f}",
+            "from the third on (s)": "{settled:.2f}",
             "RMS (cm)": "{rms:.1f}",
             "worst (cm)": "{worst:.1f}",
             "x real time": "{real_time:.1f}",

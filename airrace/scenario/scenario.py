@@ -129,7 +129,7 @@ class PlannerConfig:
     rate: float = 20.0  # Hz
     latency: float = 1.0  # s, declared: from the map to the plan in force
     limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see scenario/lap_limits.py
-    # Of the rotors' limits: the rest is for the controller; null = all, or 0.9 through Betaflight.
+    # Of the rotors' limits: the rest is for the controller; null = all, or 0.97 through Betaflight.
     thrust_share: float | None = None
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
     # Laps of -t 3, 4 and 6: without a stop, or "rest_to_rest", each from hover to hover, 0.5 m

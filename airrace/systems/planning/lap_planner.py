@@ -36,8 +36,8 @@ _ROUNDING = 1e-12  # s, and of a step
 _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03
-# Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
-_BETAFLIGHT_SHARE = 0.9
+# Share of the rotors' limits through Betaflight: with more, plans wait for it.
+_BETAFLIGHT_SHARE = 0.97
 
 
 @dc.dataclass(frozen=True, eq=False)

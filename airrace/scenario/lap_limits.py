@@ -6,7 +6,7 @@ from airrace.common.errors import UserError
 
 _LEAST = 0.1  # m/s and m/s^2; a slower lap ends after the race
 ORIGINAL = (20.0, 10.0)  # m/s, m/s^2: of the Student AirRace paper
-_FASTEST_COLOR = 30.0  # m/s: where a scale of speeds ends if there is no limit
+_FASTEST_COLOR = 50.0  # m/s: where a scale of speeds ends if there is no limit
 
 
 def parse_limits(text: str) -> tuple[float, float]:
@@ -42,7 +42,7 @@ def parse_limits(text: str) -> tuple[float, float]:
 
 
 def speed_scale_end(text: str) -> float:
-    """Returns where the colours of speeds end (m/s): at the limit, or at 30 m/s without one.
+    """Returns where the colours of speeds end (m/s): at the limit, or at 50 m/s without one.
 
     Args:
         text: as of parse_limits().

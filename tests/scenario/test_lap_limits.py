@@ -19,7 +19,7 @@ def test_words():
 
 def test_colours_of_speeds_end_at_the_limit_if_there_is_one():
     assert [speed_scale_end(text) for text in ("original", "v=15,a=8")] == [20.0, 15.0]
-    assert speed_scale_end("rotor") == speed_scale_end("a=8") == 30.0
+    assert speed_scale_end("rotor") == speed_scale_end("a=8") == 50.0
 
 
 @given(positive, positive)

@@ -47,6 +47,7 @@ _UNEQUAL, _GUSTS = 0.1, 0.03
 # Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
 _BETAFLIGHT_SHARE = 0.9
 _NEAREST = 0.15  # m, that a drone which follows well comes to boards, within the rotors' limits
+_HOVERING = 0.98  # of what laps may take, with which a drone must hover at least
 _SLOW = 0.1  # m/s, below which a path has no direction
 _GATES = 256  # at which the error of the position is known
 _FADES = 0.5  # s near a gate, after which older errors there are forgotten to 1 / e
@@ -150,7 +151,7 @@ class LapPlanner(LeafSystem):
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
-        self._limits.check()
+        self._limits.scaled(_HOVERING).check()
         self._trajectory = trajectory
         self._laps = laps
         self._first_lap_move = config.first_lap_move
@@ -198,17 +199,21 @@ class LapPlanner(LeafSystem):
         Raises:
             UserError: if the drone cannot hover within the limits.
         """
+        config = _config_of(scenario)
         try:
             return cls(
                 vehicle=load_vehicle(scenario.drone)[0],
                 trajectory=scenario.trajectory,
-                config=_config_of(scenario),
+                config=config,
                 laps=scenario.laps,
                 solve=solve,
                 least_margin=_least_margin(scenario),
             )
         except TrajectoryOptimizationError as e:
-            raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
+            remedy = "Raise planner.thrust_share."
+            if config.thrust_share in (None, 1.0):
+                remedy = "Give the drone stronger rotors, or less mass."
+            raise UserError(f"The lap planner cannot be: {e} {remedy}") from None
 
     def solve(self, problem: LapProblem) -> LapPlan | None:
         """Returns the plan for a problem, or None: see plan_lap(), or what was given.

@@ -31,7 +31,7 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_from_hover,
 )
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import load_vehicle
+from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import STATE_SIZE
 from tests.worlds import cases
 
@@ -386,8 +386,27 @@ def test_only_a_drone_that_is_told_where_it_is_comes_nearer(estimator, limits, n
 
 
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
-    with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
-        Bench(thrust_share=0.2)
+    """Laps keep a little of the thrust, so just as much as a hover takes is too little."""
+    hover = VEHICLE.mass * GRAVITY / VEHICLE.max_thrusts.sum()
+    for share in (0.2, 1.001 * hover, 1.015 * hover):
+        with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
+            Bench(thrust_share=share)
+    Bench(thrust_share=1.03 * hover)
+
+
+@pytest.mark.parametrize(
+    ("share", "remedy"),
+    [(None, "Give the drone stronger rotors"), (1.0, "Give the drone"), (0.9, "Raise planner")],
+)
+def test_a_drone_whose_rotors_cannot_lift_it_is_told_what_to_change(share, remedy, monkeypatch):
+    """One of its rotors is weak: together they could."""
+    weak = VEHICLE.with_thrusts([0.25, 1.0, 1.0, 1.0])
+    assert weak.max_thrusts.sum() > weak.mass * GRAVITY
+    monkeypatch.setattr(
+        "airrace.systems.planning.lap_planner.load_vehicle", lambda name: (weak, None)
+    )
+    with pytest.raises(UserError, match=f"cannot hold a hover. {remedy}"):
+        LapPlanner.from_scenario(Scenario(planner=PlannerConfig(thrust_share=share)))
 
 
 @pytest.mark.slow

@@ -9,10 +9,10 @@ counts from the third on, when what can be learnt is known. A race that does not
 too. Of the error of the position, the part that is the same in every lap is what one lap could
 teach the next.
 
-What the parts cost is measured in races of their own, of one lap from pixels at level 1: one after
-the other with all parts, with each taken away, and with none, and so again. There every lap is
-planned anew whatever the parts do. A speed is the median of ratios to the race with all parts of
-the same turn, by the processor's time from take-off on.
+What the parts cost is measured in races of their own, of one lap from pixels at level 1, with all
+parts and with none in turn. There every lap is planned anew whatever the parts do. A speed is the
+median of ratios to the race with all parts of the same turn, by the processor's time from take-off
+on.
 """
 
 import argparse
@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
+from airrace.analysis import load_run
 from airrace.common.resources import load_yaml
-from airrace.recording.race_events import StateSample
 from airrace.scenario import Scenario, load_scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_planner import LapPlanner
@@ -40,7 +40,7 @@ from benchmarks.whole_race import fly_race
 
 _FIRST = 2  # laps that do not count
 _SAMPLES = 400  # of a lap
-_ALL = "all parts"
+_ALL, _NONE = "all parts", "without any"
 # What takes the place of a part, as a system of one's own.
 _PARTS = {
     "without the moment observer": {"moment_observer": "no_moment"},
@@ -115,7 +115,7 @@ def main(argv=None) -> int:
     parser.add_argument("--share", type=float, default=1.0, help="planner.thrust_share")
     parser.add_argument("--pixels", action="store_true", help="explore and map from pictures")
     parser.add_argument(
-        "--speed-runs", type=int, default=3, help="races of each for the speed (default: 3)"
+        "--speed-runs", type=int, default=3, help="races for the speed (default: 3)"
     )
     parser.add_argument("--only", nargs="+", help="parts, by how their names end (default: all)")
     parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
@@ -125,13 +125,9 @@ def main(argv=None) -> int:
 def measure(args) -> dict:
     """Returns ``laps``, rows of fly_all() whose ``name`` is a level and what was taken away.
 
-    And ``speed``, for each of the latter the speeds of its races, by CPU time, if there are any.
+    And ``speed``: with all parts, and with none, the speeds of races, by CPU time.
     """
-    kinds = {
-        _ALL: {},
-        **_PARTS,
-        "without any": {k: v for p in _PARTS.values() for k, v in p.items()},
-    }
+    kinds = {_ALL: {}, **_PARTS, _NONE: {k: v for p in _PARTS.values() for k, v in p.items()}}
     wanted = {k: v for k, v in kinds.items() if not args.only or k.endswith(tuple(args.only))}
     cases = [
         Case(
@@ -142,33 +138,28 @@ def measure(args) -> dict:
     ]
     laps = fly_all(cases, args.workers)
     short = argparse.Namespace(laps=1, share=args.share, pixels=True)
-    texts = [
-        yaml_dump_typed(_scenario(short, "1", systems), schema=Scenario)
-        for systems in wanted.values()
-    ]
+    ends = [name for name in (_ALL, _NONE) if name in wanted]
+    texts = [yaml_dump_typed(_scenario(short, "1", kinds[k]), schema=Scenario) for k in ends]
     jobs = [(_speed, (text,)) for text in texts]
     # One at a time, each in a process of its own.
-    speeds = harness.in_processes(args.speed_runs * jobs, "Taking the time")
-    return {"laps": laps, "speed": {k: speeds[i :: len(jobs)] for i, k in enumerate(wanted)}}
+    turns = args.speed_runs * jobs
+    speeds = harness.in_processes(turns, "Taking the time") if turns else []
+    return {"laps": laps, "speed": {k: speeds[i :: len(jobs)] for i, k in enumerate(ends)}}
 
 
 def _fly_tracked(scenario_text: str, _track_seed: None = None) -> dict:
     """Flies a race; returns its figures(), and ``late_s``, ``error_m``, ``repeats_m``, as RMS."""
-    scenario, samples = load_scenario(scenario_text=scenario_text), []
-
-    def take(event):
-        if isinstance(event, StateSample) and event.reference is not None:
-            error = event.truth.position - event.reference.position
-            samples.append((event.time, *error))
-
+    scenario = load_scenario(scenario_text=scenario_text)
+    logged = dc.replace(scenario, recording=dc.replace(scenario.recording, content="light"))
     with tempfile.TemporaryDirectory() as folder:
-        race = fly_race(scenario, Path(folder), sinks=[take])
+        race = fly_race(logged, Path(folder))
+        samples = load_run(folder).tracking[["time", "x", "y", "z"]].to_numpy()
     laps = [lap for lap in race["laps"][_FIRST:] if lap["plan"]]
     late = [lap["time_s"] - lap["plan"]["duration_s"] for lap in laps]
     return {
         **figures(scenario, race),
         "late_s": float(np.mean(late)) if laps else None,
-        **(_errors(np.array(samples), laps) if len(laps) > 1 else {}),
+        **(_errors(samples, laps) if len(laps) > 1 else {}),
     }
 
 
@@ -211,14 +202,14 @@ def show(results: dict) -> tuple[list, bool]:
     """Returns the tables of what measure() found."""
     laps = [_row(group) for group in groups(results["laps"], "name")]
     tables = [harness.make_table("Laps at the limit", laps, _COLUMNS)]
-    if all(results["speed"].values()):
+    if results["speed"].get(_ALL):
         rows = _speed_rows(results["speed"])
         tables.append(harness.make_table("What the parts cost", rows, _SPEED_COLUMNS))
     return tables, True
 
 
 def _speed_rows(speeds: dict) -> list[dict]:
-    reference = np.array(next(iter(speeds.values())))
+    reference = np.array(speeds[_ALL])
     return [
         {
             "what": what,

@@ -69,6 +69,8 @@ class PathGovernor(LeafSystem):
     within 0.15 m, and is as its plan takes it to be, flies plans as they are, to the last bit.
     """
 
+    RATE = 100.0  #: Hz, in a race
+
     def __init__(self, *, vehicle: Vehicle, rate: float, waits: bool = True):
         """Constructs the governor.
 
@@ -95,17 +97,17 @@ class PathGovernor(LeafSystem):
     def from_scenario(cls, scenario: "Scenario") -> Self:
         """Returns the governor of a scenario."""
         return cls(
-            vehicle=load_vehicle(scenario.drone)[0],
-            rate=scenario.controller.rate,
-            waits=scenario.planner.waits,
+            vehicle=load_vehicle(scenario.drone)[0], rate=cls.RATE, waits=scenario.planner.waits
         )
 
     def _update(self, context, discrete_state):
-        clock = as_clock(context.get_discrete_state(0).value())
         plan, now = self._plan.Eval(context), context.get_time()
+        if plan is NO_PLAN:
+            return
+        clock = as_clock(context.get_discrete_state(0).value())
         position = as_state(read_vector(self._estimate, context)).position
         error = needed = 0.0
-        if self._waits and plan is not NO_PLAN and np.isfinite(position).all():
+        if self._waits and np.isfinite(position).all():
             error = float(np.linalg.norm(clock.reference(plan, now)[:3] - position))
             needed = float(context.get_discrete_state(self._needed).value()[0])
         after = _governed(clock, now, error, needed)

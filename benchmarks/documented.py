@@ -37,6 +37,10 @@ BENCHMARKS = {
         *("oracle", "--plan-only", "--only"),
         *("reference", "hexagon", "19-waypoints", "19-gates", "7-shapes"),
     ),
+    "at_the_limit": (
+        *("at_the_limit", "--levels", "2", "3", "--runs", "2", "--laps", "4"),
+        *("--workers", "{workers}"),
+    ),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),
     "mapping": ("mapping",),

@@ -488,3 +488,31 @@ def test_a_flight_of_twice_as_many_intervals_is_the_same():
     np.testing.assert_allclose(finer.thrusts[0, :, ::2], thrusts[0])
     np.testing.assert_allclose(finer.thrusts[1, :, 1::2], thrusts[1])
     np.testing.assert_allclose(finer.thrusts[1, :, ::2], finer.thrusts[0, :, 1::2])
+
+
+def test_what_is_the_same_in_every_lap_is_told_from_what_is_not():
+    at_the_limit = importlib.import_module("benchmarks.at_the_limit")
+    time = np.arange(5.0, 45.0, 0.01)
+    same = 0.03 * np.sqrt(2.0) * np.sin(2.0 * np.pi * time / 10.0)
+    gusts = np.random.default_rng(1).normal(0.0, 0.04, (2, len(time) // 20)).repeat(20, axis=1)
+    samples = np.column_stack([time, same, *gusts])
+    laps = [{"start_s": start, "time_s": 10.0} for start in (10.0, 20.0, 30.0)]
+    found = at_the_limit._errors(samples, laps)
+    assert found["repeats_m"] == pytest.approx(0.03, abs=0.005)
+    assert found["error_m"] == pytest.approx(np.sqrt(0.03**2 + 2 * 0.04**2), rel=0.1)
+
+
+def test_parts_are_put_beside_all_of_them():
+    at_the_limit = importlib.import_module("benchmarks.at_the_limit")
+    flown = {"dnf_reason": None, "trajectory": "optimal", "gate_offsets_m": [], "map_rms_m": None}
+    flown |= {"finished": True, "collisions": 1, "exploration_s": None, "late_s": 0.002}
+    rows = [
+        {"name": f"2: {name}", "lap_times_s": [12.0, 11.0, lap, lap], **flown}
+        for name, lap in (("all parts", 9.5), ("without any", 9.9))
+    ]
+    speed = {"all parts": [10.0, 8.0, 9.0], "without any": [10.3, 8.0, 9.9]}
+    (laps, cost), passed = at_the_limit.show({"laps": rows, "speed": speed})
+    assert passed and [*laps.columns[3].cells] == ["9.50", "9.90"]
+    assert [*laps.columns[4].cells] == ["2", "2"] and [*laps.columns[7].cells] == ["1", "1"]
+    assert [*cost.columns[2].cells] == ["1.000", "1.030"]
+    assert len(at_the_limit.show({"laps": rows, "speed": {"all parts": []}})[0]) == 1

@@ -159,6 +159,10 @@ BAD = [
         "rotors of Default cannot hold a hover. Raise planner.thrust_share.",
     ),
     (
+        ["--scenario_text", "{planner: {thrust_share: 1.01}}"],
+        "planner.thrust_share must be at most 1, not 1.01",
+    ),
+    (
         ["--scenario_text", "planner: {lap: rest_to_rest}"],
         "'rest_to_rest' is for minimum-snap laps: set trajectory .-t. to 3, 4 or 6",
     ),

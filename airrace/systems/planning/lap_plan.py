@@ -82,6 +82,12 @@ class LapPlan(Immutable):
         laps = self.lap_at(time) + 1 - self.lap
         return self._first_start + laps * self.circuit.duration
 
+    def nearest_gate(self, time: float) -> int:
+        """Returns the number of the gate, from 0 for gate 1, that is nearest in time."""
+        on_lap = (time - self._first_start) % self.circuit.duration
+        times = np.asarray(self.circuit.gate_times)
+        return int(np.argmin(np.abs(times - on_lap))) % (len(times) - 1)
+
     @property
     def _first_start(self) -> float:
         """When the circuit, traced back from the entry's end, starts (s)."""

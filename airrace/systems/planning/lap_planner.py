@@ -10,17 +10,24 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
-from airrace.scenario import BETAFLIGHT, PlannerConfig, Scenario
+from airrace.scenario import BETAFLIGHT, TRUTH, PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
-from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
+from airrace.systems.planning.map_margins import (
+    CONTROLLER,
+    UNKNOWN_SQUARE,
+    has_changed,
+    largest_move,
+    pylon_margins,
+    tracking_margins,
+)
 from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, as_clock
 from airrace.systems.planning.plan_checks import check_plan
-from airrace.systems.ports import read_or
+from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
@@ -28,6 +35,7 @@ from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
@@ -38,6 +46,11 @@ _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0
 _UNEQUAL, _GUSTS = 0.1, 0.03
 # Share of the rotors' limits through Betaflight: with more, plans wait for it.
 _BETAFLIGHT_SHARE = 0.97
+_NEAREST = 0.15  # m, that a drone which follows well comes to boards, within the rotors' limits
+_HOVERING = 0.98  # of what laps may take, with which a drone must hover at least
+_SLOW = 0.1  # m/s, below which a path has no direction
+_GATES = 256  # at which the error of the position is known
+_FADES = 0.5  # s near a gate, after which older errors there are forgotten to 1 / e
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -67,6 +80,7 @@ class LapPlanner(LeafSystem):
         - explorer_status
         - exploration_reference
         - policy_status (may be left open: nobody else flies)
+        - filtered_estimate (may be left open: how plans are followed is not known)
         - path_clock (may be left open: plans never wait)
         - rotor_factors (may be left open: the drone is as in its file)
         - air (may be left open: there is no drag)
@@ -97,7 +111,10 @@ class LapPlanner(LeafSystem):
     back, as ``policy_status`` says, a PolicyStatus, and from where the drone hovers then.
 
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
-    count as moving by the scenario's ``first_lap_move``.
+    count as moving by the scenario's ``first_lap_move``. Near each gate, the planner notes how far
+    the drone is to the side of its plan, by ``filtered_estimate``, a vehicle.State (14). Where that
+    is little, the next plan comes nearer to the boards, down to ``least_margin``; where it is much,
+    it keeps farther away.
     """
 
     def __init__(
@@ -108,6 +125,7 @@ class LapPlanner(LeafSystem):
         config: PlannerConfig,
         laps: float = np.inf,
         solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
+        least_margin: float = CONTROLLER,
     ):
         """Constructs the planner.
 
@@ -117,6 +135,7 @@ class LapPlanner(LeafSystem):
             config: a PlannerConfig.
             laps: of the race; none is planned for after its end.
             solve: a function from a LapProblem to a LapPlan or None.
+            least_margin: from boards (m), however well the drone follows its plans.
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
@@ -132,13 +151,14 @@ class LapPlanner(LeafSystem):
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
-        self._limits.check()
+        self._limits.scaled(_HOVERING).check()
         self._trajectory = trajectory
         self._laps = laps
         self._first_lap_move = config.first_lap_move
         self._style = LapStyle(
             rests=config.lap == "rest_to_rest", soft=config.time_allocation == "original"
         )
+        self._least_margin = least_margin
         self._always = config.update == "always"
         self._solve = solve
         self._submit: Callable | None = None
@@ -149,9 +169,13 @@ class LapPlanner(LeafSystem):
         self._factors = self.DeclareVectorInputPort("rotor_factors", len(vehicle.rotors))
         self._air = self.DeclareVectorInputPort("air", AIR_SIZE)
         self._clock = self.DeclareVectorInputPort("path_clock", CLOCK_SIZE)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
+        # Mean squares of the error of the position across the path near each gate (m^2).
+        self._squares = self.DeclareDiscreteState(np.full(_GATES, UNKNOWN_SQUARE))
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._note_error)
         # Plans come into force by an event of their own, if not at a tick: the output is evaluated
         # far more often than it changes.
         self._offset = config.latency % self._period
@@ -175,16 +199,21 @@ class LapPlanner(LeafSystem):
         Raises:
             UserError: if the drone cannot hover within the limits.
         """
+        config = _config_of(scenario)
         try:
             return cls(
                 vehicle=load_vehicle(scenario.drone)[0],
                 trajectory=scenario.trajectory,
-                config=_config_of(scenario),
+                config=config,
                 laps=scenario.laps,
                 solve=solve,
+                least_margin=_least_margin(scenario),
             )
         except TrajectoryOptimizationError as e:
-            raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
+            remedy = "Raise planner.thrust_share."
+            if config.thrust_share in (None, 1.0):
+                remedy = "Give the drone stronger rotors, or less mass."
+            raise UserError(f"The lap planner cannot be: {e} {remedy}") from None
 
     def solve(self, problem: LapProblem) -> LapPlan | None:
         """Returns the plan for a problem, or None: see plan_lap(), or what was given.
@@ -222,6 +251,22 @@ class LapPlanner(LeafSystem):
         memory, now = self._recall(context), context.get_time() - self._delay(context)
         after = self._next(context, memory, now)
         return self._remember(state, memory, _switched(after, now))
+
+    def _note_error(self, context, discrete_state):
+        """Notes how far the drone is to the side of the plan in force, near which gate."""
+        plan, now = self._recall(context).plan, context.get_time()
+        if plan is NO_PLAN or not self._estimate.HasValue(context):
+            return
+        clock = as_clock(read_or(REGULAR_VECTOR, self._clock, context))
+        position = as_state(read_vector(self._estimate, context)).position
+        reference = clock.reference(plan, now)
+        error, velocity = reference[:3] - position, reference[3:6]
+        # Who is early or late on a path comes no nearer to boards.
+        error = error - (error @ velocity) / max(velocity @ velocity, _SLOW**2) * velocity
+        gate = plan.nearest_gate(now - clock.after(now).delay)
+        if np.isfinite(error).all() and gate < _GATES:
+            squares = discrete_state.get_mutable_value(int(self._squares))
+            squares[gate] += min(self._period / _FADES, 1.0) * (error @ error - squares[gate])
 
     def _remember(self, state: State, before: _Memory, after: _Memory) -> EventStatus:
         if after is before:
@@ -310,13 +355,17 @@ class LapPlanner(LeafSystem):
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
+        squares = context.get_discrete_state(self._squares).value()
+        tracking = np.full(len(every), CONTROLLER)
+        followed = min(len(gates), _GATES)
+        tracking[:followed] = tracking_margins(squares[:followed], self._least_margin)
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         return self.problem_of(
             PlanRequest(
                 start_time=start_time,
                 gates=gates,
                 pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
-                margins=pylon_margins(every, gate_map.markers, moved),
+                margins=pylon_margins(every, gate_map.markers, moved, tracking),
                 start=start,
                 old=old,
                 rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
@@ -347,6 +396,16 @@ def _config_of(scenario: Scenario) -> PlannerConfig:
     if share is None and scenario.flight_controller == BETAFLIGHT:
         share = _BETAFLIGHT_SHARE
     return dc.replace(scenario.planner, thrust_share=share)
+
+
+def _least_margin(scenario: Scenario) -> float:
+    """Returns how near to boards plans of a scenario come, if the drone follows well (m).
+
+    How far an estimate of one's own is off, no error of tracking shows. And within other limits
+    than the rotors' it is not tracking that makes a lap slow.
+    """
+    is_sure = scenario.estimator == TRUTH and scenario.planner.limits == "rotor"
+    return _NEAREST if is_sure else CONTROLLER
 
 
 def _reserve(factors: np.ndarray, air: Air) -> float:

@@ -7,7 +7,11 @@ import numpy as np
 from airrace.math.angles import wrap_angle
 from airrace.track import GateEstimate, MarkerEstimate
 
-_CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
+# m, for what the controller leaves, and the estimate of the state: if it is not known; and of it,
+# for the estimate alone.
+CONTROLLER, _ESTIMATE = 0.3, 0.1
+_FARTHEST = 1.0  # m, for the same, however badly the drone follows
+_STEPS = 20.0  # a metre, of what is kept for that, so that a plan stays the same for a while
 _SIGMAS = 3.0
 _MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: it must stay passable
 _NOISE = 0.1  # m: smaller moves of an estimate are its own correction
@@ -16,11 +20,14 @@ _TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
 
 
 def pylon_margins(
-    gates: Sequence[GateEstimate], markers: Iterable[MarkerEstimate], moved: float = 0.0
+    gates: Sequence[GateEstimate],
+    markers: Iterable[MarkerEstimate],
+    moved: float = 0.0,
+    tracking: np.ndarray | float = CONTROLLER,
 ) -> np.ndarray:
     """Returns the margin between the drone and the boards of each pylon, (2n,) m.
 
-    That is what the controller needs, three standard deviations of the map, and how far gates
+    That is what the controller needs there, three standard deviations of the map, and how far gates
     move: it falls as the map gets better.
 
     Args:
@@ -28,6 +35,7 @@ def pylon_margins(
         markers: MarkerEstimates of the map; missing markers add no margin.
         moved: how far gates may move until they are passed (m): as far as they moved in the
             last lap; for the first lap, an assumption.
+        tracking: what the controller needs at each gate (m), (n,), see tracking_margins().
     """
     sigmas = {}
     for marker in markers:
@@ -38,7 +46,28 @@ def pylon_margins(
         [_SIGMAS * sigmas.get(2 * gate.number + side, 0.0) for gate in gates for side in (0, 1)]
     )
     most = np.repeat([min(_MOST, _SHARE * gate.spacing) for gate in gates], 2)
-    return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), most)
+    controller = np.repeat(np.broadcast_to(tracking, len(gates)), 2)
+    return controller + np.minimum(room + (moved if moved > _NOISE else 0.0), most)
+
+
+def tracking_margins(squares: np.ndarray, least: float) -> np.ndarray:
+    """Returns what the controller needs at gates, as it has followed plans there, (n,) m.
+
+    That is a tube of three standard deviations about the plan, as measured in flight, and room for
+    the estimate: such tubes are how robust model predictive control keeps its constraints, Mayne,
+    Seron and Rakovic, "Robust model predictive control of constrained linear systems with bounded
+    disturbances" (Automatica 2005).
+
+    Args:
+        squares: mean square of the error across the path near each gate (m^2), (n,).
+        least: that is always kept (m).
+    """
+    tube = np.clip(_ESTIMATE + _SIGMAS * np.sqrt(squares), least, _FARTHEST)
+    return np.round(_STEPS * tube) / _STEPS
+
+
+# Mean square of a drone that needs just CONTROLLER (m^2): before anything is known.
+UNKNOWN_SQUARE = ((CONTROLLER - _ESTIMATE) / _SIGMAS) ** 2
 
 
 def has_changed(gates: Sequence[GateEstimate], before: Sequence[GateEstimate]) -> bool:

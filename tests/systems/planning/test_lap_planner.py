@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.common.errors import UserError
-from airrace.scenario import PlannerConfig
+from airrace.scenario import PlannerConfig, Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
-from airrace.systems.planning.map_margins import pylon_margins
+from airrace.systems.planning.map_margins import CONTROLLER, pylon_margins
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
@@ -30,7 +31,8 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_from_hover,
 )
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import load_vehicle
+from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import STATE_SIZE
 from tests.worlds import cases
 
 VEHICLE, _ = load_vehicle("Default")
@@ -53,7 +55,14 @@ class Bench:
     """A LapPlanner whose inputs are constants that a test may change."""
 
     def __init__(
-        self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf, **config
+        self,
+        trajectory="3",
+        gates=GATES,
+        status=DONE,
+        solve=plan_lap,
+        laps=np.inf,
+        least_margin=CONTROLLER,
+        **config,
     ):
         config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
         self.problems = []  # that it was given to solve
@@ -63,7 +72,12 @@ class Bench:
             return solve(problem)
 
         self.planner = LapPlanner(
-            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=noted
+            vehicle=VEHICLE,
+            trajectory=str(trajectory),
+            config=config,
+            laps=laps,
+            solve=noted,
+            least_margin=least_margin,
         )
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
@@ -341,9 +355,58 @@ def test_the_first_lap_expects_gates_that_move():
     np.testing.assert_array_equal(problems[1].margins, still)
 
 
+def test_margins_follow_from_how_the_drone_follows_at_each_gate():
+    bench = Bench(update="always", least_margin=0.15)
+    for tick in itertools.count(20):
+        now = tick / 20
+        plan = bench.plan_at(now)
+        if len(bench.problems) == 2:
+            break
+        estimate = np.zeros(STATE_SIZE)
+        position, velocity = plan.derivatives(now)[:2, :3]
+        off = 0.2 if plan.nearest_gate(now) == 3 else 0.0
+        side = np.cross(velocity, [0.0, 0.0, 1.0])
+        # Everywhere late; that makes no margin.
+        estimate[5:8] = position - 0.05 * velocity + off * side / max(np.linalg.norm(side), 1e-9)
+        bench.planner.GetInputPort("filtered_estimate").FixValue(bench.context, estimate)
+    first, second = (problem.margins[: 2 * len(GATES)] for problem in bench.problems)
+    np.testing.assert_array_equal(first, CONTROLLER)
+    expected = np.full(2 * len(GATES), 0.15)
+    expected[6:8] = 0.7
+    np.testing.assert_allclose(second, expected, atol=0.05 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "limits", "nearer"),
+    [("truth", "rotor", True), ("vio", "rotor", False), ("truth", "original", False)],
+)
+def test_only_a_drone_that_is_told_where_it_is_comes_nearer(estimator, limits, nearer):
+    scenario = Scenario(estimator=estimator, planner=PlannerConfig(limits=limits))
+    assert (LapPlanner.from_scenario(scenario)._least_margin < CONTROLLER) == nearer
+
+
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
-    with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
-        Bench(thrust_share=0.2)
+    """Laps keep a little of the thrust, so just as much as a hover takes is too little."""
+    hover = VEHICLE.mass * GRAVITY / VEHICLE.max_thrusts.sum()
+    for share in (0.2, 1.001 * hover, 1.015 * hover):
+        with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
+            Bench(thrust_share=share)
+    Bench(thrust_share=1.03 * hover)
+
+
+@pytest.mark.parametrize(
+    ("share", "remedy"),
+    [(None, "Give the drone stronger rotors"), (1.0, "Give the drone"), (0.9, "Raise planner")],
+)
+def test_a_drone_whose_rotors_cannot_lift_it_is_told_what_to_change(share, remedy, monkeypatch):
+    """One of its rotors is weak: together they could."""
+    weak = VEHICLE.with_thrusts([0.25, 1.0, 1.0, 1.0])
+    assert weak.max_thrusts.sum() > weak.mass * GRAVITY
+    monkeypatch.setattr(
+        "airrace.systems.planning.lap_planner.load_vehicle", lambda name: (weak, None)
+    )
+    with pytest.raises(UserError, match=f"cannot hold a hover. {remedy}"):
+        LapPlanner.from_scenario(Scenario(planner=PlannerConfig(thrust_share=share)))
 
 
 @pytest.mark.slow

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
+from airrace.systems.planning.map_margins import (
+    CONTROLLER,
+    UNKNOWN_SQUARE,
+    has_changed,
+    largest_move,
+    pylon_margins,
+    tracking_margins,
+)
 from airrace.track.gate_map import GateEstimate, MarkerEstimate
 
 GATES = tuple(
@@ -78,3 +85,16 @@ def test_changes():
     assert not has_changed((near, *GATES[1:]), GATES)
     assert has_changed((far, *GATES[1:]), GATES)
     assert has_changed((dc.replace(GATES[0], heading=np.nan), *GATES[1:]), GATES)
+
+
+def test_the_better_a_drone_follows_the_nearer_it_comes():
+    squares = np.array([0.0, 0.03, 0.1, 0.2, 5.0]) ** 2
+    np.testing.assert_allclose(tracking_margins(squares, 0.15), [0.15, 0.2, 0.4, 0.7, 1.0])
+    assert (tracking_margins(squares, CONTROLLER)[:2] == CONTROLLER).all()
+    assert tracking_margins(np.array([UNKNOWN_SQUARE]), 0.0) == CONTROLLER
+
+
+def test_each_gate_has_its_own():
+    each = np.array([0.15, 0.5, 0.3])
+    margins = pylon_margins(GATES, (marker(0, 0.1),), tracking=each)
+    np.testing.assert_allclose(margins, [0.45, 0.15, 0.5, 0.5, 0.3, 0.3])

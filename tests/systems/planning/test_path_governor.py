@@ -8,21 +8,29 @@ from pydrake.systems.analysis import Simulator
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.path_clock import as_clock
-from airrace.systems.planning.path_governor import PathGovernor
+from airrace.systems.planning.path_governor import _RATES, PathGovernor, _possible_rate
+from airrace.vehicle import GRAVITY_W, load_vehicle
+from airrace.vehicle.air import STILL_VECTOR, Air, air_vector
 from tests.systems.planning.test_trajectory_tracker import PLAN
 
 RATE = 500.0
+VEHICLE, _ = load_vehicle("Default")
+WEAKER = 0.25  # of the rotors' thrust: PLAN takes more
 
 
 class Bench:
     """A governor, and a drone that is so far (m) above where its reference then is."""
 
     def __init__(self, plan=PLAN):
-        self.plan, self.governor = plan, PathGovernor(rate=RATE)
+        self.plan, self.governor = plan, PathGovernor(vehicle=VEHICLE, rate=RATE)
         self.simulator = Simulator(self.governor)
         self.context = self.simulator.get_mutable_context()
         self.governor.GetInputPort("lap_plan").FixValue(self.context, Value[object](plan))
         self.references = []
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.governor.GetInputPort(name).FixValue(self.context, value)
 
     @property
     def clock(self):
@@ -85,5 +93,31 @@ def test_without_a_plan_or_an_estimate_it_waits_for_nothing():
 def test_a_scenario_may_have_it_never_wait():
     assert PathGovernor.from_scenario(Scenario())._waits
     bench = Bench()
-    bench.governor._waits = PathGovernor(rate=RATE, waits=False)._waits
+    bench.governor._waits = PathGovernor(vehicle=VEHICLE, rate=RATE, waits=False)._waits
+    bench.fix(rotor_factors=np.full(4, WEAKER))
     assert not any(bench.fly(5.0, 50.0))
+
+
+def test_rotors_that_are_known_to_be_too_weak_are_waited_for_before_the_drone_is_late():
+    bench = Bench()
+    bench.fix(rotor_factors=np.full(4, 1.5), air=STILL_VECTOR)
+    assert not any(bench.fly(4.0, 0.0))
+    bench.fix(rotor_factors=np.full(4, WEAKER))
+    assert bench.fly(2.0, 0.0).slowing > 0.1
+    bench.fix(rotor_factors=np.ones(4))
+    assert bench.fly(6.0, 0.0).is_regular
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.2, 1.0])
+def test_no_force_ahead_is_greater_than_the_rotors_give(drag):
+    air, most = Air(drag, 0.0, np.zeros(3)), 25.0
+    ahead = np.random.default_rng(3).normal(0.0, 10.0, (7, 2, 3))
+
+    def greatest(rate):
+        forces = rate**2 * ahead[:, 1] - GRAVITY_W + drag * rate * ahead[:, 0]
+        return np.linalg.norm(forces, axis=1).max()
+
+    rate = _possible_rate(ahead, air_vector(air), most, _RATES)
+    assert rate in _RATES[1:-1] and greatest(rate) <= most < greatest(rate + 0.05)
+    assert _possible_rate(ahead, air_vector(air), 1e3, _RATES) == 1.0
+    assert _possible_rate(ahead, air_vector(air), 1.0, _RATES) == _RATES[-1]

@@ -33,10 +33,7 @@ BENCHMARKS = {
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "original": ("original", "--workers", "{workers}"),
-    "oracle": (
-        *("oracle", "--plan-only", "--only"),
-        *("reference", "hexagon", "19-waypoints", "19-gates", "7-shapes"),
-    ),
+    "oracle": ("oracle", "--workers", "{workers}"),
     "at_the_limit": (
         *("at_the_limit", "--levels", "2", "3", "--runs", "2", "--laps", "4"),
         *("--workers", "{workers}"),

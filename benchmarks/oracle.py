@@ -32,6 +32,7 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.track import load_track
 from airrace.track.map_files import true_map
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.air import Air, air_vector
@@ -49,6 +50,10 @@ from benchmarks.quadrotor_optimum import (
 _TRACKS = {"reference": "student-airrace", "hexagon": "hexagon"}
 _MESH = 2  # times as many intervals on the second one
 _LAPS = 4  # flown: the last of them counts
+_FIGURES = (
+    *("planned_s", "planned_cpu_s", "flown_s", "optimum_s", "coarse_s", "iterations"),
+    *("optimum_cpu_s", "planned_over", "flown_over"),
+)
 
 
 def main(argv=None) -> int:
@@ -136,14 +141,17 @@ def generated_lap(seed: int, args) -> dict:
 
 
 def lap(track: str, name: str, args) -> dict:
-    """Returns the row of a track: planned, flown, optimal.
+    """Returns the row of a track: planned, flown, optimal; NaN if no lap is found.
 
     Args: track: as a scenario has it. name: in the table. args: options of the command line.
     """
     scenario = _scenario(track, args)
     clock = time.process_time()
     laps = _laps(scenario)
-    planned = laps.lap(None)
+    try:
+        planned = laps.lap(None)
+    except TrajectoryOptimizationError:
+        return {"name": name, "converged": False} | dict.fromkeys(_FIGURES, np.nan)
     cpu = time.process_time() - clock
     row = {"name": name, "planned_s": planned.duration, "planned_cpu_s": cpu}
     row["flown_s"] = np.nan if args.plan_only else _flown(scenario)

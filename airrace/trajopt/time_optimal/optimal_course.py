@@ -20,7 +20,7 @@ from airrace.trajopt.time_optimal.optimal_lap import PRECISION, first_lap, refin
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 
 # Pieces of each leg's spline, and when the search with so many ends: one after the other.
-STAGES = ((8, Effort(20, 1e-3, samples=32)), (12, Effort(8, 5e-4, samples=48)))
+STAGES = ((8, Effort(20, 1e-3, samples=32)), (12, Effort(5, 3e-4, samples=80)))
 _FIRMNESS = 100.0  # of the search: courses may have short legs among long ones
 # Of the search within tighter limits, for what lies between its samples; and an excess.
 _ROUNDS, _LAST, _NEGLIGIBLE = 4, Effort(2, 5e-4, caution=100.0), 2e-4

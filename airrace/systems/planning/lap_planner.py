@@ -26,7 +26,7 @@ from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
-from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
@@ -36,6 +36,9 @@ _ROUNDING = 1e-12  # s, and of a step
 _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03
+# Of the rotors' thrust, that is kept until a drone has flown anywhere, for the air; and the states
+# of an explorer that has not.
+_UNKNOWN, _HOVERING = 0.15, {"CALIBRATE", "TAKE_OFF", "HOVER", "DONE"}
 # Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
 _BETAFLIGHT_SHARE = 0.9
 
@@ -95,6 +98,10 @@ class LapPlanner(LeafSystem):
 
     **And with a PolicyController?** Then the first lap is planned, if at all, when that has handed
     back, as ``policy_status`` says, a PolicyStatus, and from where the drone hovers then.
+
+    **And if nothing is known of the air?** A drone that was given its map has only hovered. There
+    may be all of the drag that its file tells of, or none. Its first lap counts with half of that,
+    and keeps thrust for the other half, if the limits do not leave that anyway.
 
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``.
@@ -311,7 +318,10 @@ class LapPlanner(LeafSystem):
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
-        return self.problem_of(
+        air = read_or(STILL_VECTOR, self._air, context)
+        if old is NO_PLAN and self._knows_no_air(context):
+            factors, air = (1.0 - _UNKNOWN) * factors, air_vector(_half_drag(self._limits.vehicle))
+        problem = self.problem_of(
             PlanRequest(
                 start_time=start_time,
                 gates=gates,
@@ -320,9 +330,17 @@ class LapPlanner(LeafSystem):
                 start=start,
                 old=old,
                 rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
-                air=_AIR_STEPS * np.round(read_or(STILL_VECTOR, self._air, context) / _AIR_STEPS),
+                air=_AIR_STEPS * np.round(air / _AIR_STEPS),
             )
         )
+        return problem.from_where_it_is_easy(self._period)
+
+    def _knows_no_air(self, context: Context) -> bool:
+        """Whether there may be drag that matters, and the drone has yet to fly through it."""
+        limits, states = self._limits, {e.state for e in self._explorer.Eval(context).events}
+        asked = np.hypot(limits.max_acceleration, GRAVITY)
+        matters = asked > (1.0 - _UNKNOWN) * limits.max_specific_force
+        return matters and states <= _HOVERING and self._air.HasValue(context)
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
@@ -347,6 +365,15 @@ def _config_of(scenario: Scenario) -> PlannerConfig:
     if share is None and scenario.flight_controller == BETAFLIGHT:
         share = _BETAFLIGHT_SHARE
     return dc.replace(scenario.planner, thrust_share=share)
+
+
+def _half_drag(vehicle: Vehicle) -> Air:
+    """Returns the air between none at all and what the drone's file says of its drag."""
+    linear, quadratic = (
+        np.array([(each[0] + each[1]) / 2.0, each[2]]) * 0.5 / vehicle.mass
+        for each in (vehicle.drag.linear, vehicle.drag.quadratic)
+    )
+    return Air(linear[0], quadratic[0], np.zeros(3), np.diff(linear)[0], np.diff(quadratic)[0])
 
 
 def _reserve(factors: np.ndarray, air: Air) -> float:

@@ -16,7 +16,7 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.map_margins import pylon_margins
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -31,6 +31,7 @@ from airrace.trajopt.min_snap.transition import (
 )
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.air import STILL_VECTOR
 from tests.worlds import cases
 
 VEHICLE, _ = load_vehicle("Default")
@@ -339,6 +340,23 @@ def test_the_first_lap_expects_gates_that_move():
     still = pylon_margins(GATES, ())
     np.testing.assert_allclose(problems[0].margins, still + 0.8)
     np.testing.assert_array_equal(problems[1].margins, still)
+
+
+@pytest.mark.parametrize(
+    "limits, flown, careful",
+    [("rotor", "HOVER", True), ("rotor", "RETURN", False), ("original", "HOVER", False)],
+)
+def test_a_drone_that_only_hovered_counts_with_drag_on_its_first_lap(limits, flown, careful):
+    events = tuple(ExplorerEvent(0.0, state, "") for state in ("TAKE_OFF", flown, "DONE"))
+    bench = Bench(status=dc.replace(DONE, events=events), limits=limits, solve=lambda problem: None)
+    bench.planner.GetInputPort("air").FixValue(bench.context, STILL_VECTOR)
+    bench.plan_at(0.1)
+    (problem,) = bench.problems
+    kept = 1.0 - problem.limits.vehicle.max_thrusts.sum() / VEHICLE.max_thrusts.sum()
+    assert kept == pytest.approx(0.15 * careful)
+    drag = np.array(VEHICLE.drag.quadratic) / VEHICLE.mass
+    expected = [0.5 * drag[0], 0.5 * (drag[2] - drag[0])] if careful else [0.0, 0.0]
+    np.testing.assert_allclose(problem.air[[1, -1]], expected, atol=1e-9)
 
 
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():

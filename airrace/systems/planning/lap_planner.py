@@ -36,9 +36,12 @@ _ROUNDING = 1e-12  # s, and of a step
 _STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
 # Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
 _UNEQUAL, _GUSTS = 0.1, 0.03
-# Of the rotors' thrust, that is kept until a drone has flown anywhere, for the air; and the states
-# of an explorer that has not.
-_UNKNOWN, _HOVERING = 0.15, {"CALIBRATE", "TAKE_OFF", "HOVER", "DONE"}
+# Of the rotors' thrust, that is kept for the drag in the drone's file, if it may be there or not.
+_UNKNOWN = 0.3
+_HOVERING = {"CALIBRATE", "TAKE_OFF", "HOVER", "DONE"}  # states of an explorer that only hovers
+# rad/s, of plans: rotors take a tenth of a second from rest to their limit. In a quicker turn the
+# drone falls behind, and where the rotors are at their limits it stays there.
+_MAX_RATE = 12.0
 # Share of the rotors' limits through Betaflight: above, it tracks laps worse than it gains by them.
 _BETAFLIGHT_SHARE = 0.9
 
@@ -99,9 +102,9 @@ class LapPlanner(LeafSystem):
     **And with a PolicyController?** Then the first lap is planned, if at all, when that has handed
     back, as ``policy_status`` says, a PolicyStatus, and from where the drone hovers then.
 
-    **And if nothing is known of the air?** A drone that was given its map has only hovered. There
-    may be all of the drag that its file tells of, or none. Its first lap counts with half of that,
-    and keeps thrust for the other half, if the limits do not leave that anyway.
+    **And if nothing is known of the air?** A drone that was given its map has only hovered. If the
+    rotors are all that limits its laps, the first counts with ``first_lap_drag``, a share of the
+    drag in the drone's file, and keeps thrust for as much again.
 
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``.
@@ -138,11 +141,12 @@ class LapPlanner(LeafSystem):
             thrust_share=config.thrust_share or 1.0,
             max_speed=max_speed,
             max_acceleration=max_acceleration,
+            max_rate=_MAX_RATE,
         )
         self._limits.check()
         self._trajectory = trajectory
         self._laps = laps
-        self._first_lap_move = config.first_lap_move
+        self._first_lap_move, self._first_lap_drag = config.first_lap_move, config.first_lap_drag
         self._style = LapStyle(
             rests=config.lap == "rest_to_rest", soft=config.time_allocation == "original"
         )
@@ -319,8 +323,9 @@ class LapPlanner(LeafSystem):
             start = old.derivatives(start_time)
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         air = read_or(STILL_VECTOR, self._air, context)
-        if old is NO_PLAN and self._knows_no_air(context):
-            factors, air = (1.0 - _UNKNOWN) * factors, air_vector(_half_drag(self._limits.vehicle))
+        if old is NO_PLAN and self._expects_drag(context):
+            factors = (1.0 - _UNKNOWN * self._first_lap_drag) * factors
+            air = air_vector(_drag_of(self._limits.vehicle, self._first_lap_drag))
         problem = self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -335,12 +340,12 @@ class LapPlanner(LeafSystem):
         )
         return problem.from_where_it_is_easy(self._period)
 
-    def _knows_no_air(self, context: Context) -> bool:
-        """Whether there may be drag that matters, and the drone has yet to fly through it."""
+    def _expects_drag(self, context: Context) -> bool:
+        """Whether a drone that has only hovered is to fly as fast as its rotors can."""
         limits, states = self._limits, {e.state for e in self._explorer.Eval(context).events}
         asked = np.hypot(limits.max_acceleration, GRAVITY)
-        matters = asked > (1.0 - _UNKNOWN) * limits.max_specific_force
-        return matters and states <= _HOVERING and self._air.HasValue(context)
+        is_limit = states <= _HOVERING and asked > limits.max_specific_force
+        return is_limit and self._first_lap_drag > 0.0
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
@@ -367,10 +372,10 @@ def _config_of(scenario: Scenario) -> PlannerConfig:
     return dc.replace(scenario.planner, thrust_share=share)
 
 
-def _half_drag(vehicle: Vehicle) -> Air:
-    """Returns the air between none at all and what the drone's file says of its drag."""
+def _drag_of(vehicle: Vehicle, share: float) -> Air:
+    """Returns air that does a share of what the drone's file says of its drag."""
     linear, quadratic = (
-        np.array([(each[0] + each[1]) / 2.0, each[2]]) * 0.5 / vehicle.mass
+        np.array([(each[0] + each[1]) / 2.0, each[2]]) * share / vehicle.mass
         for each in (vehicle.drag.linear, vehicle.drag.quadratic)
     )
     return Air(linear[0], quadratic[0], np.zeros(3), np.diff(linear)[0], np.diff(quadratic)[0])

@@ -19,6 +19,8 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.track.generator import generate_track
+from airrace.track.map_files import true_map
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import hold
@@ -31,7 +33,6 @@ from airrace.trajopt.min_snap.transition import (
 )
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
-from airrace.vehicle.air import STILL_VECTOR
 from tests.worlds import cases
 
 VEHICLE, _ = load_vehicle("Default")
@@ -343,20 +344,28 @@ def test_the_first_lap_expects_gates_that_move():
 
 
 @pytest.mark.parametrize(
-    "limits, flown, careful",
-    [("rotor", "HOVER", True), ("rotor", "RETURN", False), ("original", "HOVER", False)],
+    "limits, flown, share",
+    [("rotor", "HOVER", 0.5), ("rotor", "RETURN", 0.0), ("original", "HOVER", 0.0)],
 )
-def test_a_drone_that_only_hovered_counts_with_drag_on_its_first_lap(limits, flown, careful):
+def test_a_drone_that_only_hovered_counts_with_drag_on_its_first_lap(limits, flown, share):
     events = tuple(ExplorerEvent(0.0, state, "") for state in ("TAKE_OFF", flown, "DONE"))
-    bench = Bench(status=dc.replace(DONE, events=events), limits=limits, solve=lambda problem: None)
-    bench.planner.GetInputPort("air").FixValue(bench.context, STILL_VECTOR)
+    status = dc.replace(DONE, events=events)
+    bench = Bench(status=status, limits=limits, first_lap_drag=0.5, solve=lambda problem: None)
     bench.plan_at(0.1)
     (problem,) = bench.problems
     kept = 1.0 - problem.limits.vehicle.max_thrusts.sum() / VEHICLE.max_thrusts.sum()
-    assert kept == pytest.approx(0.15 * careful)
+    assert kept == pytest.approx(0.3 * share)
     drag = np.array(VEHICLE.drag.quadratic) / VEHICLE.mass
-    expected = [0.5 * drag[0], 0.5 * (drag[2] - drag[0])] if careful else [0.0, 0.0]
-    np.testing.assert_allclose(problem.air[[1, -1]], expected, atol=1e-9)
+    np.testing.assert_allclose(
+        problem.air[[1, -1]], [share * drag[0], share * (drag[2] - drag[0])], atol=1e-9
+    )
+
+
+@pytest.mark.slow
+def test_plans_turn_no_quicker_than_the_rotors_follow():
+    """This lap would turn with 16.7 rad/s, and the drone would be 0.6 m off it afterwards."""
+    bench = Bench("optimal", gates=true_map(generate_track(4)).gates, limits="rotor")
+    assert 11.0 < bench.plan_at(0.6).summary.max_rate <= 12.0
 
 
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():

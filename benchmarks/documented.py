@@ -32,6 +32,10 @@ BENCHMARKS = {
         "{workers}",
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
+    "generated_rotor": (
+        *("races", "--only", "generated", "--levels", "1", "2", "3", "--tracks", "5"),
+        *("--scenario_text", "{{planner: {{limits: rotor}}}}", "--workers", "{workers}"),
+    ),
     "original": ("original", "--workers", "{workers}"),
     "oracle": ("oracle", "--workers", "{workers}"),
     "at_the_limit": (

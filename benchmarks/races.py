@@ -1,7 +1,7 @@
 """Whole races from pixels, side by side: lap times, how near the gates, and how good the map.
 
     python -m benchmarks.races [--only student-airrace generated] [--runs 4] [--laps 10]
-        [--tracks 20] [--scenario_text YAML] [--workers N] [--json FILE]
+        [--tracks 20] [--levels 1 3 4] [--scenario_text YAML] [--workers N] [--json FILE]
 
 `student-airrace`: that track in all kinds of laps, beside the mean laps of the original
 system there, which flew from rest to rest. Every row is so many races (--runs), each of a
@@ -30,7 +30,6 @@ from benchmarks import harness
 from benchmarks.harness import column, groups
 from benchmarks.whole_race import fly_race
 
-_LEVELS = "1", "3", "4"
 _COLUMNS = {
     "": "{name}",
     "finished": "{finished} of {races}",
@@ -74,6 +73,13 @@ def main(argv=None) -> int:
         "--tracks", type=harness.count, default=20, help="generated, a level (default: 20)"
     )
     parser.add_argument(
+        "--levels",
+        nargs="+",
+        choices=list("01234"),
+        default=list("134"),
+        help="of generated tracks (default: 1 3 4)",
+    )
+    parser.add_argument(
         "--scenario_text",
         metavar="YAML",
         help="scenario fields on top, e.g. '{camera: {preset: harsh}}'",
@@ -99,7 +105,7 @@ def _student_airrace(args) -> list[Case]:
 def _generated(args) -> list[Case]:
     return [
         Case(f"level {level}", lap_of_level(level, args), range(args.tracks), generated=True)
-        for level in _LEVELS
+        for level in args.levels
     ]
 
 

@@ -90,6 +90,7 @@ RANGES = {
     "link_delay": (0, 0.5),
     "planner.rate": (1, 10000),
     "planner.first_lap_move": (0, math.inf),
+    "planner.first_lap_drag": (0, 1),
     "planner.thrust_share": (0.1, 1),
     "mavlink.vq": (1, 2),
     "mavlink.jpeg_quality": (1, 100),

@@ -132,6 +132,9 @@ class PlannerConfig:
     # Of the rotors' limits: the rest is for the controller; null = all, or 0.97 through Betaflight.
     thrust_share: float | None = None
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
+    # Of the drag in the drone's file, that the first lap on a given map counts with, within the
+    # rotors' limits: half of it if there may be all or none.
+    first_lap_drag: float = 0.0
     # Laps of -t 3, 4 and 6: without a stop, or "rest_to_rest", each from hover to hover, 0.5 m
     # beyond the midpoint of gate 1.
     lap: str = "periodic"

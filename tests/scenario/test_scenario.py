@@ -362,6 +362,7 @@ ZERO = (
     "imu_failures[0].time",
     "camera_failures[0].time",
     "planner.first_lap_move",
+    "planner.first_lap_drag",
     "link_delay",
     *(f"mavlink.quirks.{name}" for name in ("imu_drop", "lost_pictures", "repeated_pictures")),
 )
@@ -520,6 +521,7 @@ def scenarios(draw):
             elif type(value) is int:
                 setattr(config, name, draw(st.integers(16, 256)))
     scenario.planner.thrust_share = draw(st.floats(0.1, 1.0))
+    scenario.planner.first_lap_drag = draw(st.floats(0.0, 1.0))
     scenario.planner.limits = draw(st.sampled_from(["original", "rotor", "v=3,a=1.5"]))
     scenario.planner.lap = draw(st.sampled_from(["periodic", "rest_to_rest"]))
     scenario.planner.time_allocation = draw(st.sampled_from(["exact", "original"]))

@@ -33,7 +33,7 @@ from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
-from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -51,6 +51,12 @@ _HOVERING = 0.98  # of what laps may take, with which a drone must hover at leas
 _SLOW = 0.1  # m/s, below which a path has no direction
 _GATES = 256  # at which the error of the position is known
 _FADES = 0.5  # s near a gate, after which older errors there are forgotten to 1 / e
+# Of the rotors' thrust, that is kept for the drag in the drone's file, if it may be there or not.
+_UNKNOWN = 0.3
+_ON_THE_SPOT = {"CALIBRATE", "TAKE_OFF", "HOVER", "DONE"}  # states of an explorer that only hovers
+# rad/s, of plans: rotors take a tenth of a second from rest to their limit. In a quicker turn the
+# drone falls behind, and where the rotors are at their limits it stays there.
+_MAX_RATE = 12.0
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -110,6 +116,10 @@ class LapPlanner(LeafSystem):
     **And with a PolicyController?** Then the first lap is planned, if at all, when that has handed
     back, as ``policy_status`` says, a PolicyStatus, and from where the drone hovers then.
 
+    **And if nothing is known of the air?** A drone that was given its map has only hovered. If the
+    rotors are all that limits its laps, the first counts with ``first_lap_drag``, a share of the
+    drag in the drone's file, and keeps thrust for as much again.
+
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``. Near each gate, the planner notes how far
     the drone is to the side of its plan, by ``filtered_estimate``, a vehicle.State (14). Where that
@@ -150,11 +160,12 @@ class LapPlanner(LeafSystem):
             thrust_share=config.thrust_share or 1.0,
             max_speed=max_speed,
             max_acceleration=max_acceleration,
+            max_rate=_MAX_RATE,
         )
         self._limits.scaled(_HOVERING).check()
         self._trajectory = trajectory
         self._laps = laps
-        self._first_lap_move = config.first_lap_move
+        self._first_lap_move, self._first_lap_drag = config.first_lap_move, config.first_lap_drag
         self._style = LapStyle(
             rests=config.lap == "rest_to_rest", soft=config.time_allocation == "original"
         )
@@ -360,7 +371,11 @@ class LapPlanner(LeafSystem):
         followed = min(len(gates), _GATES)
         tracking[:followed] = tracking_margins(squares[:followed], self._least_margin)
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
-        return self.problem_of(
+        air = read_or(STILL_VECTOR, self._air, context)
+        if old is NO_PLAN and self._expects_drag(context):
+            factors = (1.0 - _UNKNOWN * self._first_lap_drag) * factors
+            air = air_vector(_drag_of(self._limits.vehicle, self._first_lap_drag))
+        problem = self.problem_of(
             PlanRequest(
                 start_time=start_time,
                 gates=gates,
@@ -369,9 +384,17 @@ class LapPlanner(LeafSystem):
                 start=start,
                 old=old,
                 rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
-                air=_AIR_STEPS * np.round(read_or(STILL_VECTOR, self._air, context) / _AIR_STEPS),
+                air=_AIR_STEPS * np.round(air / _AIR_STEPS),
             )
         )
+        return problem.from_where_it_is_easy(self._period)
+
+    def _expects_drag(self, context: Context) -> bool:
+        """Whether a drone that has only hovered is to fly as fast as its rotors can."""
+        limits, states = self._limits, {e.state for e in self._explorer.Eval(context).events}
+        asked = np.hypot(limits.max_acceleration, GRAVITY)
+        is_limit = states <= _ON_THE_SPOT and asked > limits.max_specific_force
+        return is_limit and self._first_lap_drag > 0.0
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
@@ -406,6 +429,15 @@ def _least_margin(scenario: Scenario) -> float:
     """
     is_sure = scenario.estimator == TRUTH and scenario.planner.limits == "rotor"
     return _NEAREST if is_sure else CONTROLLER
+
+
+def _drag_of(vehicle: Vehicle, share: float) -> Air:
+    """Returns air that does a share of what the drone's file says of its drag."""
+    linear, quadratic = (
+        np.array([(each[0] + each[1]) / 2.0, each[2]]) * share / vehicle.mass
+        for each in (vehicle.drag.linear, vehicle.drag.quadratic)
+    )
+    return Air(linear[0], quadratic[0], np.zeros(3), np.diff(linear)[0], np.diff(quadratic)[0])
 
 
 def _reserve(factors: np.ndarray, air: Air) -> float:

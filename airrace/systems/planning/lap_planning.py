@@ -62,14 +62,14 @@ def _plan(problem: LapProblem) -> LapPlan | None:
     try:
         is_optimal = problem.trajectory == "optimal"
         laps = TimeOptimalLaps(problem) if is_optimal else MinSnapLaps(problem)
-        circuit, bound = _best_lap(laps, old, problem.always)
-        if circuit is None:
-            return None
-        remaining = None
-        if old is not NO_PLAN:
-            remaining = old.next_start(problem.start_time) - problem.start_time
-        entry, phase = laps.transition(circuit, problem.start, remaining)
+        found, bound = _best_laps(laps, old, problem.always)
     except TrajectoryOptimizationError:
+        return None
+    for circuit in found:
+        with contextlib.suppress(TrajectoryOptimizationError):
+            entry, phase = laps.transition(circuit, problem.start, problem.remaining)
+            break
+    else:
         return None
     samples = np.hstack([each.sample(sample_times(each, 1000.0)) for each in (entry, circuit)])
     check = check_flight(samples, problem.pylons, laps.constraints.limits)
@@ -95,15 +95,16 @@ def _plan(problem: LapProblem) -> LapPlan | None:
     return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)
 
 
-def _best_lap(laps: Laps, old: LapPlan, always: bool = False) -> tuple[Circuit | None, float]:
-    """Returns the lap to fly and its bound; None to stay with the old, unless always a new one.
+def _best_laps(laps: Laps, old: LapPlan, always: bool = False) -> tuple[list[Circuit], float]:
+    """Returns the laps to fly, the quickest first, and their bound; none to stay with the old.
 
     A lap is judged beside the bound, since gates that moved explain as much. One that
-    started from the old lap and fell behind it is searched for again from nothing.
+    started from the old lap and fell behind it is searched for again from nothing. Where nothing
+    leads onto the quickest, the other is flown. With always, there is a new one in any case.
     """
     bound = laps.point_mass_lap.duration
     if old is NO_PLAN:
-        return laps.lap(None), bound
+        return [laps.lap(None)], bound
     found = []
     with contextlib.suppress(TrajectoryOptimizationError):
         found.append(laps.lap(old.circuit))
@@ -111,8 +112,8 @@ def _best_lap(laps: Laps, old: LapPlan, always: bool = False) -> tuple[Circuit |
     if not found or (gap is not None and found[0].duration > (gap + 1.0 + _WORSE) * bound):
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
-    best = min(found, key=lambda lap: lap.duration, default=None)
-    if best is None or always:
-        return best, bound
-    gain = old.circuit.duration - best.duration
-    return (None if gain < _LEAST_GAIN and laps.fits(old.circuit) else best), bound
+    found.sort(key=lambda lap: lap.duration)
+    if always or not found:
+        return found, bound
+    gain = old.circuit.duration - found[0].duration
+    return ([] if gain < _LEAST_GAIN and laps.fits(old.circuit) else found), bound

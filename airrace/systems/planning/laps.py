@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.map_margins import largest_move
 from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_times
-from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
@@ -20,6 +20,11 @@ from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_b
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
 _EXCESS = 1e-3  # of a rotor's limit, likewise
+# s: by which a transition may begin later; for which the old plan must ask little of the rotors
+# from there on; and that must be left to gate 1.
+_LATER, _EASY, _LEFT = 0.5, 0.1, 0.4
+_SAMPLES = 25  # of the old plan
+_WORTH = 0.02  # of the rotors' limits: for less, none begins later
 
 
 class PlanRequest(NamedTuple):
@@ -62,6 +67,40 @@ class LapProblem(Immutable):
     def request(self) -> PlanRequest:
         """What a planner of the same race makes this problem of."""
         return PlanRequest(*(getattr(self, name) for name in PlanRequest._fields))
+
+    @property
+    def remaining(self) -> float | None:
+        """Of the old plan, from the start to gate 1 (s); None if there is no old plan."""
+        old = self.old
+        return None if old is NO_PLAN else old.next_start(self.start_time) - self.start_time
+
+    def old_share(self, duration: float, delay: float = 0.0) -> float:
+        """Returns which share of the rotors' limits the old plan asks for.
+
+        Args: duration: (s). delay: from the start to the time from which on it counts (s).
+        """
+        times = self.start_time + delay + np.linspace(0.0, duration, _SAMPLES)
+        samples = np.transpose([flat_outputs(self.old.derivatives(t)) for t in times])
+        thrusts, _ = inverse_dynamics(samples, self.limits.vehicle, self.limits.air)
+        return float(np.max(thrusts / self.limits.vehicle.max_thrusts[:, None]))
+
+    def from_where_it_is_easy(self, period: float) -> "LapProblem":
+        """Returns the problem whose start is later if the old plan asks less of the rotors there.
+
+        In air, or with rotors, that are not what it was planned for, an old plan may ask for more
+        than there is. A transition begins like it, so it would have to ask for as much.
+
+        Args: period: of the times that it may start at (s).
+        """
+        if self.remaining is None:
+            return self
+        most = max(min(_LATER, self.remaining - _LEFT), 0.0)
+        delays = period * np.arange(int(most / period) + 1)
+        shares = [max(self.limits.thrust_share, self.old_share(_EASY, d)) for d in delays]
+        if shares[0] - min(shares) < _WORTH:
+            return self
+        time = self.start_time + float(delays[np.argmin(shares)])
+        return dc.replace(self, start_time=time, start=self.old.derivatives(time))
 
     def has_same_lap(self, other: "LapProblem") -> bool:
         """Whether another problem is of the very same gates, rotors and air."""

@@ -9,8 +9,7 @@ from airrace.systems.planning.laps import Laps
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import pylon_distances
-from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
-from airrace.trajopt.flatness import inverse_dynamics
+from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
@@ -25,8 +24,9 @@ _FROM_HOVER, _BETWEEN_LAPS = (3, 2, 4, 6), (2, 3, 1)
 # s, lost on a transition without a loop, beside the guessed time to gate 1 and the lap's on.
 _MAX_LOST = 2.0
 _SAMPLES = 50  # of the rest of the old lap, and of its part that a transition begins with
-# s, that it takes to ask less of the rotors than the old plan; and how much that is, meanwhile.
-_EASING, _ROOM = 0.3, 1.01
+# s, for which a transition may follow an old plan that asks too much of the rotors, tried in turn;
+# and how much more than that plan it may ask.
+_EASINGS, _ROOM = (0.02, 0.1, 0.3), 1.01
 
 
 class TimeOptimalLaps(Laps):
@@ -63,6 +63,7 @@ class TimeOptimalLaps(Laps):
         self, circuit: Circuit, start: np.ndarray, remaining: float | None
     ) -> tuple[FlatTrajectory, float]:
         limits = self.constraints.limits
+        shares = [limits.thrust_share]
         if remaining is None:
             joins, constraints, old = _FROM_HOVER, self.constraints, None
             gate = circuit.derivatives(0.0)
@@ -72,41 +73,37 @@ class TimeOptimalLaps(Laps):
             # It may start where the old plan comes nearer than is asked of a new one, or asks more
             # of rotors that have turned out weaker.
             clearance = np.minimum(self.constraints.clearance, self._old_distances(remaining))
-            limits = dc.replace(limits, thrust_share=max(limits.thrust_share, self._old_share()))
-            constraints = dc.replace(self.constraints, clearance=clearance, limits=limits)
+            constraints = dc.replace(self.constraints, clearance=clearance)
+            asked = [_ROOM * self._problem.old_share(time) for time in _EASINGS]
+            shares = np.unique(np.maximum(limits.thrust_share, asked))
         joins = [k for k in joins if k < len(circuit.headings)]
         guesses = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
-        found = []  # with what is lost on them (s)
-        for k, guess in guesses:
-            durations = [first, *np.diff(circuit.gate_times)[: k - 1]]
-            with contextlib.suppress(TrajectoryOptimizationError):
-                transition, phase = plan_optimal_transition(
-                    start,
-                    durations,
-                    self.gates,
-                    circuit,  # type: ignore[arg-type]
-                    constraints,
-                    old=guess,
-                )
-                found.append((transition.duration - phase - first, transition, phase))
-                # A search may end with a loop before a gate: nothing near it is quicker.
-                if found[-1][0] <= _MAX_LOST:
-                    break
-        if found:
-            return min(found, key=lambda each: each[0])[1:]
+        for share in shares:
+            constraints = dc.replace(constraints, limits=dc.replace(limits, thrust_share=share))
+            found = []  # with what is lost on them (s)
+            for k, guess in guesses:
+                durations = [first, *np.diff(circuit.gate_times)[: k - 1]]
+                with contextlib.suppress(TrajectoryOptimizationError):
+                    transition, phase = plan_optimal_transition(
+                        start,
+                        durations,
+                        self.gates,
+                        circuit,  # type: ignore[arg-type]
+                        constraints,
+                        old=guess,
+                    )
+                    found.append((transition.duration - phase - first, transition, phase))
+                    # A search may end with a loop before a gate: nothing near it is quicker.
+                    if found[-1][0] <= _MAX_LOST:
+                        break
+            if found:
+                return min(found, key=lambda each: each[0])[1:]
         # From odd places, or at the last moment.
         return MinSnapLaps(self._problem, 4).transition(circuit, start, remaining)
 
     def _old(self, time: float) -> np.ndarray:
         """Returns where the old plan leads to after a time, as in LapPlan.derivatives()."""
         return self._problem.old.derivatives(self._problem.start_time + time)
-
-    def _old_share(self) -> float:
-        """Returns which share of the rotors' limits a transition from the old plan may need."""
-        start = [flat_outputs(self._old(t)) for t in np.linspace(0.0, _EASING, _SAMPLES)]
-        limits = self.constraints.limits
-        thrusts, _ = inverse_dynamics(np.transpose(start), limits.vehicle, limits.air)
-        return float(_ROOM * np.max(thrusts / limits.vehicle.max_thrusts[:, None]))
 
     def _old_distances(self, remaining: float) -> np.ndarray:
         """Returns how near the old plan comes to each pylon before gate 1, (m,) m."""

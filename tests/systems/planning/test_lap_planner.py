@@ -17,9 +17,11 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.map_margins import CONTROLLER, pylon_margins
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.track.generator import generate_track
+from airrace.track.map_files import true_map
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import hold
@@ -383,6 +385,31 @@ def test_margins_follow_from_how_the_drone_follows_at_each_gate():
 def test_only_a_drone_that_is_told_where_it_is_comes_nearer(estimator, limits, nearer):
     scenario = Scenario(estimator=estimator, planner=PlannerConfig(limits=limits))
     assert (LapPlanner.from_scenario(scenario)._least_margin < CONTROLLER) == nearer
+
+
+@pytest.mark.parametrize(
+    "limits, flown, share",
+    [("rotor", "HOVER", 0.5), ("rotor", "RETURN", 0.0), ("original", "HOVER", 0.0)],
+)
+def test_a_drone_that_only_hovered_counts_with_drag_on_its_first_lap(limits, flown, share):
+    events = tuple(ExplorerEvent(0.0, state, "") for state in ("TAKE_OFF", flown, "DONE"))
+    status = dc.replace(DONE, events=events)
+    bench = Bench(status=status, limits=limits, first_lap_drag=0.5, solve=lambda problem: None)
+    bench.plan_at(0.1)
+    (problem,) = bench.problems
+    kept = 1.0 - problem.limits.vehicle.max_thrusts.sum() / VEHICLE.max_thrusts.sum()
+    assert kept == pytest.approx(0.3 * share)
+    drag = np.array(VEHICLE.drag.quadratic) / VEHICLE.mass
+    np.testing.assert_allclose(
+        problem.air[[1, -1]], [share * drag[0], share * (drag[2] - drag[0])], atol=1e-9
+    )
+
+
+@pytest.mark.slow
+def test_plans_turn_no_quicker_than_the_rotors_follow():
+    """This lap would turn with 16.7 rad/s, and the drone would be 0.6 m off it afterwards."""
+    bench = Bench("optimal", gates=true_map(generate_track(4)).gates, limits="rotor")
+    assert 11.0 < bench.plan_at(0.6).summary.max_rate <= 12.0
 
 
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():

@@ -190,7 +190,7 @@ def test_a_slower_lap_is_not_flown_while_the_old_one_will_do():
     old = first()
     assert plan_lap(problem(extra=0.03, old=old)) is None
     # Where the old one comes too near, a slower one is right.
-    wider = plan_lap(problem(extra=0.3, old=old))
+    wider = plan_lap(problem(extra=0.5, old=old))
     assert wider.circuit.duration > old.circuit.duration
 
 
@@ -214,21 +214,21 @@ class Laps:
 
 
 @pytest.mark.parametrize(
-    "warm, cold, fits, asked, kind",
+    "warm, cold, fits, asked, kinds",
     [
-        (18.2, 18.1, False, ["warm"], "warm"),  # as good as before: no need for more
-        (25.0, 19.0, False, ["warm", "cold"], "cold"),  # stalled
-        (25.0, None, False, ["warm", "cold"], "warm"),  # slow, but the gates have moved
-        (25.0, 24.0, True, ["warm", "cold"], None),  # never flown
-        (None, 19.0, False, ["warm", "cold"], "cold"),
-        (None, None, True, ["warm", "cold"], None),
+        (18.2, 18.1, False, ["warm"], ["warm"]),  # as good as before: no need for more
+        (25.0, 19.0, False, ["warm", "cold"], ["cold", "warm"]),  # stalled
+        (25.0, None, False, ["warm", "cold"], ["warm"]),  # slow, but the gates have moved
+        (25.0, 24.0, True, ["warm", "cold"], []),  # never flown
+        (None, 19.0, False, ["warm", "cold"], ["cold"]),
+        (None, None, True, ["warm", "cold"], []),
     ],
 )
-def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, asked, kind):
+def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, asked, kinds):
     laps = Laps(warm, cold, fits)
-    found, bound = lap_planning._best_lap(laps, first())
+    found, bound = lap_planning._best_laps(laps, first())
     assert laps.asked == asked and bound == 18.0
-    assert (found and found.kind) == kind
+    assert [lap.kind for lap in found] == kinds
 
 
 def test_an_old_lap_that_asks_too_much_of_a_rotor_does_not_fit():
@@ -252,13 +252,65 @@ def test_a_plan_of_rotors_that_turned_out_weaker_is_left_for_one_that_they_can_f
     assert max(plan.summary.max_thrusts) <= 1.02 * max(old.summary.max_thrusts)
 
 
+@pytest.mark.slow
+def test_a_plan_of_still_air_is_left_for_one_that_drag_allows():
+    """Where the old plan asks far too much, the transition does so at its begin alone."""
+    old = first("optimal", "rotor")
+    given = problem(limits="rotor", old=old)
+    air = Air(0.05, 0.003, np.zeros(3))
+    given = dc.replace(given, limits=dc.replace(given.limits, air=air))
+    plan = plan_lap(given)
+    assert given.old_share(0.3) > 1.1
+    most = max(given.limits.thrust_share, given.old_share(0.02))
+    assert max(plan.summary.max_thrusts) <= 1.01 * most * VEHICLE.max_thrusts[0]
+
+
+def test_a_transition_begins_where_the_old_plan_asks_for_less():
+    class Old:
+        """At a hover, but for a jerk of the first tenth of a second, which turns the drone."""
+
+        def next_start(self, time):
+            return 3.0
+
+        def derivatives(self, time):
+            result = HOVER.copy()
+            result[4, 0] = 4000.0 if time < 2.1 else 0.0
+            return result
+
+    given = problem(limits="rotor")
+    begun = dc.replace(given, old=Old(), start_time=2.0)
+    later = begun.from_where_it_is_easy(0.05)
+    assert begun.old_share(0.1) > given.limits.thrust_share > later.old_share(0.1)
+    assert later.start_time == pytest.approx(2.1, abs=0.051) and later.remaining < 1.0
+    assert not later.start[4].any()
+    for untouched in (given, later):
+        assert untouched.from_where_it_is_easy(0.05) is untouched
+
+
 def test_a_lap_that_is_quicker_by_rounding_alone_is_not_flown():
     """It would depend on the kind of processor, and the drone would change its path for nothing."""
     old = first()
-    for gain, kind in ((1e-11, None), (1e-3, "warm")):
+    for gain, kinds in ((1e-11, []), (1e-3, ["warm"])):
         laps = Laps(old.circuit.duration - gain, None, fits=True)
-        found, _ = lap_planning._best_lap(laps, old)
-        assert (found and found.kind) == kind
+        found, _ = lap_planning._best_laps(laps, old)
+        assert [lap.kind for lap in found] == kinds
+
+
+def test_where_nothing_leads_onto_the_quickest_lap_another_is_flown(monkeypatch):
+    given, unreachable = problem("4", gates=moved(0.1), old=first("4"), always=True), object()
+    usual = plan_lap(given)
+
+    class Stuck(MinSnapLaps):
+        def transition(self, circuit, start, remaining):
+            if circuit is unreachable:
+                raise TrajectoryOptimizationError("none")
+            return super().transition(circuit, start, remaining)
+
+    monkeypatch.setattr(lap_planning, "MinSnapLaps", Stuck)
+    for found, plan in (([unreachable, usual.circuit], usual), ([unreachable], None)):
+        monkeypatch.setattr(lap_planning, "_best_laps", lambda *_, found=found: (found, 1.0))
+        flown = plan_lap(given)
+        assert (flown and flown.circuit) is (plan and plan.circuit)
 
 
 @pytest.mark.parametrize("trajectory", cases.first(["4", "optimal"]))
@@ -343,10 +395,10 @@ def test_an_old_lap_to_rest_still_fits_its_own_map():
 
 def test_always_a_new_lap_even_if_it_is_slower():
     laps = Laps(25.0, 24.0, fits=True)
-    assert lap_planning._best_lap(laps, first())[0] is None
-    assert lap_planning._best_lap(laps, first(), always=True)[0].kind == "cold"
+    assert lap_planning._best_laps(laps, first())[0] == []
+    assert lap_planning._best_laps(laps, first(), always=True)[0][0].kind == "cold"
     # Where none is found, the old one goes on.
-    assert lap_planning._best_lap(Laps(None, None, fits=True), first(), always=True)[0] is None
+    assert lap_planning._best_laps(Laps(None, None, fits=True), first(), always=True)[0] == []
 
 
 def in_a_row():

@@ -180,19 +180,25 @@ def test_the_same_input_gives_the_same_transition():
     np.testing.assert_array_equal(one.sample(times), other.sample(times))
 
 
-@pytest.mark.parametrize("fault", ["a wall", "too far too late"])
-def test_none_is_one_clear_error(fault):
+@pytest.mark.parametrize(
+    "fault, words",
+    [("a wall", "."), ("too far too late", "limits"), ("a gate from the side", "sideways")],
+)
+def test_none_is_one_clear_error(fault, words):
     circuit, gates = lap("original")
-    start, pylons = hover(), PYLONS
+    start, pylons, first_leg = hover(), PYLONS, 1.0
     if fault == "a wall":
         pylons = np.vstack([PYLONS, [[10.0, y] for y in range(-60, 61, 2)]])
-    else:  # at full speed towards a place beside the gate
+    elif fault == "too far too late":  # at full speed towards a place beside the gate
         start = hover(17.0, 4.0)
         start[1, :3] = 0.0, 20.0, 0.0
-    with pytest.raises(TrajectoryOptimizationError):
+    else:
+        turned, first_leg = HEADINGS + [1.4, *[0.0] * (len(HEADINGS) - 1)], 2.0
+        gates = GateRegions.windows(MIDPOINTS, turned, 5.0 - CLEARANCE, 2.5)
+    with pytest.raises(TrajectoryOptimizationError, match=words):
         plan_optimal_transition(
             start,
-            [1.0, circuit.gate_times[1]],
+            [first_leg, circuit.gate_times[1]],
             gates,
             circuit,
             FlightConstraints(pylons, CLEARANCE, LIMITS["original"]),

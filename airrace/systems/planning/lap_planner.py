@@ -14,6 +14,7 @@ from airrace.scenario import BETAFLIGHT, TRUTH, PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
+from airrace.systems.planning.known_drone import expecting_drag, in_steps, known_limits
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem, PlanRequest
@@ -34,16 +35,12 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
-from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR, Air, air_vector, as_air
+from airrace.vehicle.air import AIR_SIZE, STILL_VECTOR
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
-_ROUNDING = 1e-12  # s, and of a step
-# Of the rotors' factors, and of an Air, so that a plan stays the same for a while.
-_STEP, _AIR_STEPS = 0.005, air_vector(Air(0.01, 0.0005, np.full(3, 0.5), 0.01, 0.0005))
-# Of the rotors' thrust, that is kept: for factors that differ by one; and for gusts.
-_UNEQUAL, _GUSTS = 0.1, 0.03
+_ROUNDING = 1e-12  # s
 # Share of the rotors' limits through Betaflight: with more, plans wait for it.
 _BETAFLIGHT_SHARE = 0.97
 _NEAREST = 0.15  # m, that a drone which follows well comes to boards, within the rotors' limits
@@ -51,8 +48,6 @@ _HOVERING = 0.98  # of what laps may take, with which a drone must hover at leas
 _SLOW = 0.1  # m/s, below which a path has no direction
 _GATES = 256  # at which the error of the position is known
 _FADES = 0.5  # s near a gate, after which older errors there are forgotten to 1 / e
-# Of the rotors' thrust, that is kept for the drag in the drone's file, if it may be there or not.
-_UNKNOWN = 0.3
 _ON_THE_SPOT = {"CALIBRATE", "TAKE_OFF", "HOVER", "DONE"}  # states of an explorer that only hovers
 # rad/s, of plans: rotors take a tenth of a second from rest to their limit. In a quicker turn the
 # drone falls behind, and where the rotors are at their limits it stays there.
@@ -373,8 +368,8 @@ class LapPlanner(LeafSystem):
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         air = read_or(STILL_VECTOR, self._air, context)
         if old is NO_PLAN and self._expects_drag(context):
-            factors = (1.0 - _UNKNOWN * self._first_lap_drag) * factors
-            air = air_vector(_drag_of(self._limits.vehicle, self._first_lap_drag))
+            factors, air = expecting_drag(factors, self._limits.vehicle, self._first_lap_drag)
+        factors, air = in_steps(factors, air)
         problem = self.problem_of(
             PlanRequest(
                 start_time=start_time,
@@ -383,8 +378,8 @@ class LapPlanner(LeafSystem):
                 margins=pylon_margins(every, gate_map.markers, moved, tracking),
                 start=start,
                 old=old,
-                rotor_factors=_STEP * np.floor(factors / _STEP + _ROUNDING),
-                air=_AIR_STEPS * np.round(air / _AIR_STEPS),
+                rotor_factors=factors,
+                air=air,
             )
         )
         return problem.from_where_it_is_easy(self._period)
@@ -398,16 +393,10 @@ class LapPlanner(LeafSystem):
 
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
-        limits, factors, air = self._limits, request.rotor_factors, as_air(request.air)
         return LapProblem(
             **request._asdict(),
             trajectory=self._trajectory,
-            limits=dc.replace(
-                limits,
-                vehicle=limits.vehicle.with_thrusts(factors),
-                thrust_share=limits.thrust_share * (1.0 - _reserve(factors, air)),
-                air=air,
-            ),
+            limits=known_limits(self._limits, request.rotor_factors, request.air),
             style=self._style,
             always=self._always,
         )
@@ -429,25 +418,6 @@ def _least_margin(scenario: Scenario) -> float:
     """
     is_sure = scenario.estimator == TRUTH and scenario.planner.limits == "rotor"
     return _NEAREST if is_sure else CONTROLLER
-
-
-def _drag_of(vehicle: Vehicle, share: float) -> Air:
-    """Returns air that does a share of what the drone's file says of its drag."""
-    linear, quadratic = (
-        np.array([(each[0] + each[1]) / 2.0, each[2]]) * share / vehicle.mass
-        for each in (vehicle.drag.linear, vehicle.drag.quadratic)
-    )
-    return Air(linear[0], quadratic[0], np.zeros(3), np.diff(linear)[0], np.diff(quadratic)[0])
-
-
-def _reserve(factors: np.ndarray, air: Air) -> float:
-    """Returns which share of the rotors' thrust a plan leaves, because of what was learnt.
-
-    Where rotors are unequal, the weakest is at its limit alone, and what it lacks is always yaw of
-    the same sign. Where there is wind, there are gusts.
-    """
-    gusts = 0.0 if air.is_still else _GUSTS
-    return _UNEQUAL * float(np.ptp(factors)) + gusts
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

@@ -27,6 +27,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.analysis import load_run
 from airrace.common.resources import load_yaml
 from airrace.scenario import Scenario, load_scenario
+from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.path_clock import REGULAR, clock_vector
@@ -48,6 +49,12 @@ _PARTS = {
     "without learning the air": {"air_learner": "still_air"},
     "without the governor": {"path_governor": "clock_that_never_waits"},
     "without margins by tracking": {"lap_planner": "planner_that_notes_no_errors"},
+}
+# Likewise of the controller; they are there in races without any of the parts above, too.
+_CONTROL = {
+    "without feed-forward of rates": {"geometric_controller": "no_feed_forward"},
+    "without overdriven rotors": {"geometric_controller": "no_overdrive"},
+    "thrusts cut off at limits": {"geometric_controller": "cut_off"},
 }
 _COLUMNS = {
     "level": "{level}",
@@ -85,6 +92,42 @@ class _Constant(LeafSystem):
     def __init__(self, port: str, value: np.ndarray):
         LeafSystem.__init__(self)
         self.DeclareStateOutputPort(port, self.DeclareDiscreteState(value))
+
+
+def no_feed_forward(scenario: Scenario) -> GeometricController:
+    """Takes the place of GeometricController: rates and angular accelerations are not led."""
+    return _controller(scenario, feed_forward=False)
+
+
+def no_overdrive(scenario: Scenario) -> GeometricController:
+    """Takes the place of GeometricController: commanded speeds are the desired ones."""
+    return _controller(scenario, rotor_overdrive=False)
+
+
+def _controller(scenario: Scenario, **changes) -> GeometricController:
+    config = dc.replace(scenario.controller, **changes)
+    return GeometricController.from_scenario(dc.replace(scenario, controller=config))
+
+
+class _CutOff(GeometricController):
+    """Gives up nothing in order: each thrust of the pseudo-inverse ends at its rotor's limit."""
+
+    def __init__(self, **options):
+        GeometricController.__init__(self, **options)
+        known = self._known
+
+        def cut_off(losses, factors):
+            remaining, *others = known(losses, factors)
+            inverse, most = remaining.allocator.inverse, remaining.max_thrusts
+            remaining.allocator.allocate = lambda wrench: np.clip(inverse @ wrench, 0.0, most)
+            return remaining, *others
+
+        self._known = cut_off
+
+
+def cut_off(scenario: Scenario) -> GeometricController:
+    """Takes the place of GeometricController."""
+    return _CutOff.from_scenario(scenario)
 
 
 def no_moment(scenario: Scenario) -> _Constant:
@@ -127,7 +170,8 @@ def measure(args) -> dict:
 
     And ``speed``: with all parts, and with none, the speeds of races, by CPU time.
     """
-    kinds = {_ALL: {}, **_PARTS, _NONE: {k: v for p in _PARTS.values() for k, v in p.items()}}
+    none = {k: v for p in _PARTS.values() for k, v in p.items()}
+    kinds = {_ALL: {}, **_PARTS, **_CONTROL, _NONE: none}
     wanted = {k: v for k, v in kinds.items() if not args.only or k.endswith(tuple(args.only))}
     cases = [
         Case(

@@ -23,9 +23,9 @@ _ACTS, _WRONG, _LEAST = 1.0, 0.2, np.array([0.01, 0.001])
 _WIND = 4.0  # m/s, on each axis
 # By how much an Air may change in a second.
 _DRIFT = np.array([0.003, 0.0003, 0.2, 0.2, 0.1])
-# m/s^2, of a disturbance 20 times a second, whose gusts last for seconds; and along the thrust,
+# m/s^2, of a disturbance 10 times a second, whose gusts last for seconds; and along the thrust,
 # where rotors may be wrong as well.
-_NOISE, _ALONG = 3.0, 9.0
+_NOISE, _ALONG = 2.1, 6.4
 _MOST = np.array([1.0, 0.05, 15.0, 15.0, 15.0])
 # m/s^2 at 10 m/s: less drag is not told, and from the second on all of it.
 _NONE, _ALL, _AT = 0.3, 0.6, 10.0
@@ -68,7 +68,7 @@ class AirLearner(LeafSystem):
     drag" (RA-L 2018).
     """
 
-    RATE = 20.0  #: Hz, in a race
+    RATE = 10.0  #: Hz, in a race
 
     def __init__(self, *, vehicle: Vehicle, rate: float):
         """Args: vehicle: mass, rotors and drag, as in its file. rate: of updates (Hz)."""

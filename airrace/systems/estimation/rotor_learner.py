@@ -61,7 +61,7 @@ class RotorLearner(LeafSystem):
     not show.
     """
 
-    RATE = 50.0  #: Hz, in a race
+    RATE = 20.0  #: Hz, in a race
 
     def __init__(self, *, vehicle: Vehicle, rate: float):
         """Args: vehicle: mass and rotors, as in its file. rate: of updates (Hz)."""

@@ -69,7 +69,7 @@ class PathGovernor(LeafSystem):
     within 0.15 m, and is as its plan takes it to be, flies plans as they are, to the last bit.
     """
 
-    RATE = 100.0  #: Hz, in a race
+    RATE = 50.0  #: Hz, in a race
 
     def __init__(self, *, vehicle: Vehicle, rate: float, waits: bool = True):
         """Constructs the governor.

@@ -25,6 +25,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.analysis import load_run
+from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
 from airrace.scenario import Scenario, load_scenario
 from airrace.systems.control.geometric_controller import GeometricController
@@ -173,6 +174,8 @@ def measure(args) -> dict:
     none = {k: v for p in _PARTS.values() for k, v in p.items()}
     kinds = {_ALL: {}, **_PARTS, **_CONTROL, _NONE: none}
     wanted = {k: v for k, v in kinds.items() if not args.only or k.endswith(tuple(args.only))}
+    if not wanted:
+        raise UserError(f"No part's name ends like that; there are {', '.join(kinds)}.")
     cases = [
         Case(
             f"{level}: {name}", _scenario(args, level, systems), range(args.runs), fly=_fly_tracked

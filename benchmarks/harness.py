@@ -16,6 +16,7 @@ import string
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -28,6 +29,8 @@ from rich.table import Table
 from airrace.common.errors import UserError, exit_code
 from airrace.common.files import write_json
 from airrace.common.processes import ONE_THREAD
+
+_LOOK = 1.0  # s, between two looks at whether another process is there
 
 _WIDTH = 160  # characters
 
@@ -179,7 +182,8 @@ def _results(jobs, workers, jobs_each):
         if not getattr(own, "jobs_left", 0):
             if hasattr(own, "process"):
                 own.process.shutdown()
-            own.process = stack.enter_context(ProcessPoolExecutor(1, context))
+            pool = ProcessPoolExecutor(1, context, initializer=_end_with, initargs=(os.getpid(),))
+            own.process = stack.enter_context(pool)
             own.jobs_left = jobs_each
         own.jobs_left -= 1
         return own.process.submit(function, *arguments).result()
@@ -187,6 +191,19 @@ def _results(jobs, workers, jobs_each):
     with contextlib.ExitStack() as stack:
         threads = stack.enter_context(ThreadPoolExecutor(workers))
         yield from threads.map(call, *zip(*jobs))
+
+
+def _end_with(main: int) -> None:
+    """Has this process end soon after another one that was killed; its parent is the forkserver."""
+
+    def watch():
+        with contextlib.suppress(ProcessLookupError):
+            while True:
+                os.kill(main, 0)
+                time.sleep(_LOOK)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def groups(rows, *keys) -> list:

@@ -4,8 +4,10 @@ import importlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -291,6 +293,7 @@ def test_the_times_of_the_boxes_add_up(run):
         (["race_speed", "--scenario_text", "{laps: x}"], "laps"),
         (["race_speed", "--laps", "0"], "laps"),
         (["grand_prix", "--only", "courses", "--client", "none.py"], "there is no program none.py"),
+        (["at_the_limit", "--only", "none"], "No part's name ends like that"),
         (["tracks", "--json", "nowhere/figures.json"], "nowhere does not exist"),
     ],
     ids=lambda options: " ".join(options) if isinstance(options, list) else "",
@@ -516,3 +519,29 @@ def test_parts_are_put_beside_all_of_them():
     assert [*laps.columns[4].cells] == ["2", "2"] and [*laps.columns[7].cells] == ["1", "1"]
     assert [*cost.columns[2].cells] == ["1.000", "1.030"]
     assert len(at_the_limit.show({"laps": rows, "speed": {"all parts": []}})[0]) == 1
+
+
+def _sleep_and_tell(folder: str) -> None:
+    Path(folder, str(os.getpid())).touch()
+    time.sleep(60.0)
+
+
+@pytest.mark.slow
+def test_processes_end_with_a_benchmark_that_is_killed(tmp_path):
+    program = (
+        "from benchmarks.harness import in_processes\n"
+        "from tests.test_benchmarks import _sleep_and_tell\n"
+        f"in_processes([(_sleep_and_tell, ({str(tmp_path)!r},))], 'x')\n"
+    )
+    options = dict(cwd=ROOT, stderr=subprocess.DEVNULL)
+    with subprocess.Popen([sys.executable, "-c", program], **options) as main:
+        while not (told := [*tmp_path.iterdir()]):
+            time.sleep(0.1)
+        main.kill()
+    worker = int(told[0].name)
+    for _ in range(100):
+        if not Path(f"/proc/{worker}").exists():
+            return
+        time.sleep(0.1)
+    os.kill(worker, signal.SIGKILL)
+    pytest.fail("The worker lives on.")

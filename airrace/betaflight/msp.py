@@ -276,15 +276,22 @@ def open_msp(place: str) -> Iterator[Msp]:
             return
         descriptor = os.open(place, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as e:
-        raise UserError(
-            f"There is no board at {place} ({e.strerror or e}): name HOST:PORT, or the file of a "
-            "serial port such as /dev/ttyACM0."
-        ) from None
+        raise UserError(_no_board(place, e.strerror or str(e))) from None
     try:
-        tty.setraw(descriptor)
-        speeds = termios.tcgetattr(descriptor)
-        speeds[4] = speeds[5] = _BAUD
-        termios.tcsetattr(descriptor, termios.TCSANOW, speeds)
+        try:
+            tty.setraw(descriptor)
+            speeds = termios.tcgetattr(descriptor)
+            speeds[4] = speeds[5] = _BAUD
+            termios.tcsetattr(descriptor, termios.TCSANOW, speeds)
+        except termios.error as e:
+            raise UserError(_no_board(place, e.args[-1])) from None
         yield Msp(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _no_board(place: str, why: str) -> str:
+    return (
+        f"There is no board at {place} ({why}): name HOST:PORT, or the file of a serial port such "
+        "as /dev/ttyACM0."
+    )

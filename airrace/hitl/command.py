@@ -211,7 +211,10 @@ def ask_to_arm() -> None:
     )
     if not sys.stdin.isatty():
         raise UserError("Arming is a person's act: start this in a terminal.")
-    if input(f"airrace: type {_ARM} to arm it: ").strip() != _ARM:
+    word = ""
+    with contextlib.suppress(EOFError):  # Ctrl-D
+        word = input(f"airrace: type {_ARM} to arm it: ").strip()
+    if word != _ARM:
         raise UserError("The board is not armed.")
 
 

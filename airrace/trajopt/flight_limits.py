@@ -60,10 +60,15 @@ class FlightLimits:
                 f"max_axis_rates must be three positive numbers, not {self.max_axis_rates}."
             )
         hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY
-        if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
+        if np.any(hover >= self.max_thrusts):
             raise TrajectoryOptimizationError(
                 f"At {self.thrust_share:.0%} of their limits, the rotors of {self.vehicle.name} "
                 "cannot hold a hover."
+            )
+        if np.any(hover <= self.min_thrusts):
+            raise TrajectoryOptimizationError(
+                f"At {self.idle_share:.0%} of their limits, which they must keep, the rotors of "
+                f"{self.vehicle.name} lift more than its weight."
             )
 
     @functools.cached_property

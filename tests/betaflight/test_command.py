@@ -79,9 +79,12 @@ def test_a_person_arms_by_a_word_in_a_terminal(monkeypatch, capsys):
         monkeypatch.setattr("builtins.input", lambda question, word=word: word)
         with pytest.raises(UserError, match="is not armed"):
             ask_to_arm()
+    monkeypatch.setattr("builtins.input", Mock(side_effect=EOFError))  # Ctrl-D
+    with pytest.raises(UserError, match="is not armed"):
+        ask_to_arm()
     monkeypatch.setattr("builtins.input", lambda question: "ARM")
     ask_to_arm()
-    assert capsys.readouterr().out.count("Take all propellers off") == 5
+    assert capsys.readouterr().out.count("Take all propellers off") == 6
 
 
 def test_what_cannot_fly_it_says_so(tmp_path):

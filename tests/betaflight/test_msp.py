@@ -83,7 +83,7 @@ def test_a_serial_port_is_spoken_to_and_who_is_not_there_is_said(tmp_path):
     finally:
         os.close(ours)
         os.close(theirs)
-    for place in (str(tmp_path / "ttyACM0"), "127.0.0.1:1"):
+    for place in (str(tmp_path / "ttyACM0"), "/dev/null", "127.0.0.1:1"):
         with pytest.raises(UserError, match="no board at"), open_msp(place):
             pass
 

@@ -94,7 +94,7 @@ class RotorLearner(LeafSystem):
         estimate = read_vector(self._estimate, context)
         disturbance = read_vector(self._disturbance, context)
         moment = read_vector(self._moment, context)
-        if not all(map(all_finite, (speeds, estimate, disturbance))):
+        if not all(map(all_finite, (speeds, estimate, disturbance, moment))):
             return
         thrusts = self._coefficients * speeds**2
         if thrusts.sum() < FLYING * GRAVITY * self._mass:

@@ -218,7 +218,7 @@ class LapPlanner(LeafSystem):
         except TrajectoryOptimizationError as e:
             remedy = "Raise planner.thrust_share."
             if config.thrust_share in (None, 1.0):
-                remedy = "Give the drone stronger rotors, or less mass."
+                remedy = "Change the drone's rotors, or its mass."
             raise UserError(f"The lap planner cannot be: {e} {remedy}") from None
 
     def solve(self, problem: LapProblem) -> LapPlan | None:

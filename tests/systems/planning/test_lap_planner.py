@@ -421,9 +421,15 @@ def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
     Bench(thrust_share=1.03 * hover)
 
 
+def test_a_drone_that_lifts_off_with_idle_rotors_is_refused():
+    strong = VEHICLE.with_thrusts(np.full(4, 1e3))
+    with pytest.raises(TrajectoryOptimizationError, match="lift more than its weight"):
+        FlightLimits(strong).scaled(0.98).check()
+
+
 @pytest.mark.parametrize(
     ("share", "remedy"),
-    [(None, "Give the drone stronger rotors"), (1.0, "Give the drone"), (0.9, "Raise planner")],
+    [(None, "Change the drone"), (1.0, "Change the drone"), (0.9, "Raise planner")],
 )
 def test_a_drone_whose_rotors_cannot_lift_it_is_told_what_to_change(share, remedy, monkeypatch):
     """One of its rotors is weak: together they could."""

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
-from airrace.scenario import BETAFLIGHT, TRUTH, PlannerConfig, Scenario
+from airrace.scenario import BETAFLIGHT, INTERNAL, TRUTH, PlannerConfig, Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.contract import check_arguments, name_of
 from airrace.systems.leaf_system import LeafSystem
@@ -130,7 +130,7 @@ class LapPlanner(LeafSystem):
         config: PlannerConfig,
         laps: float = np.inf,
         solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
-        least_margin: float = CONTROLLER,
+        least_margin: float | None = CONTROLLER,
     ):
         """Constructs the planner.
 
@@ -140,7 +140,8 @@ class LapPlanner(LeafSystem):
             config: a PlannerConfig.
             laps: of the race; none is planned for after its end.
             solve: a function from a LapProblem to a LapPlan or None.
-            least_margin: from boards (m), however well the drone follows its plans.
+            least_margin: from boards (m), however well the drone follows its plans; None: margins
+                are the same however it does.
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
@@ -261,7 +262,7 @@ class LapPlanner(LeafSystem):
     def _note_error(self, context, discrete_state):
         """Notes how far the drone is to the side of the plan in force, near which gate."""
         plan, now = self._recall(context).plan, context.get_time()
-        if plan is NO_PLAN or not self._estimate.HasValue(context):
+        if plan is NO_PLAN or self._least_margin is None or not self._estimate.HasValue(context):
             return
         clock = as_clock(read_or(REGULAR_VECTOR, self._clock, context))
         position = as_state(read_vector(self._estimate, context)).position
@@ -364,7 +365,7 @@ class LapPlanner(LeafSystem):
         squares = context.get_discrete_state(self._squares).value()
         tracking = np.full(len(every), CONTROLLER)
         followed = min(len(gates), _GATES)
-        tracking[:followed] = tracking_margins(squares[:followed], self._least_margin)
+        tracking[:followed] = tracking_margins(squares[:followed], self._least_margin or CONTROLLER)
         factors = read_or(np.ones(len(self._limits.vehicle.rotors)), self._factors, context)
         air = read_or(STILL_VECTOR, self._air, context)
         if old is NO_PLAN and self._expects_drag(context):
@@ -410,12 +411,15 @@ def _config_of(scenario: Scenario) -> PlannerConfig:
     return dc.replace(scenario.planner, thrust_share=share)
 
 
-def _least_margin(scenario: Scenario) -> float:
+def _least_margin(scenario: Scenario) -> float | None:
     """Returns how near to boards plans of a scenario come, if the drone follows well (m).
 
     How far an estimate of one's own is off, no error of tracking shows. And within other limits
-    than the rotors' it is not tracking that makes a lap slow.
+    than the rotors' it is not tracking that makes a lap slow. A flight controller follows the same
+    lap better each time than a new one, so its margins stay: None.
     """
+    if scenario.flight_controller != INTERNAL:
+        return None
     is_sure = scenario.estimator == TRUTH and scenario.planner.limits == "rotor"
     return _NEAREST if is_sure else CONTROLLER
 

@@ -28,7 +28,9 @@ if TYPE_CHECKING:  # else an edit of it would have all machine code compiled ane
 # m, off the reference: from the first on plans are slowed, from the second on as much as they may.
 _FREE, _MOST = 0.15, 1.2
 _SLOWEST = 0.7  # of the clock's rate, that is taken away at most: it never stands
-_BANDWIDTH = 8.0  # rad/s, of the rate
+# rad/s, of the rate: for what comes, and for an error. Slowing takes force, too: where there is
+# none left, a quick one would make the error grow.
+_BANDWIDTH, _GENTLY = 8.0, 4.0
 _NOTHING = 1e-6  # a slowing that is none
 # s: how far ahead of the drone the plan's forces are compared with the rotors', and how often.
 _AHEAD, _PERIOD = np.arange(0.1, 0.75, 0.1), 0.1
@@ -156,11 +158,11 @@ def _governed(clock: PathClock, now: float, error: float, needed: float = 0.0) -
 
     Args: error: of the position (m). needed: slowing, for what comes.
     """
-    wanted = _SLOWEST * float(np.clip((error - _FREE) / (_MOST - _FREE), 0.0, 1.0))
-    wanted = max(wanted, needed)
+    behind = _SLOWEST * float(np.clip((error - _FREE) / (_MOST - _FREE), 0.0, 1.0))
+    wanted = max(behind, needed)
     if clock.is_regular and wanted == 0.0:
         return clock
-    now_clock, w = clock.after(now), _BANDWIDTH
+    now_clock, w = clock.after(now), _BANDWIDTH if needed > behind else _GENTLY
     _, delay, slowing, rate, acceleration, _ = now_clock
     # The poles of the filter are three times -w.
     jerk = w**3 * (wanted - slowing) - 3.0 * w**2 * rate - 3.0 * w * acceleration

@@ -387,6 +387,23 @@ def test_only_a_drone_that_is_told_where_it_is_comes_nearer(estimator, limits, n
     assert (LapPlanner.from_scenario(scenario)._least_margin < CONTROLLER) == nearer
 
 
+def test_margins_of_a_flight_controllers_drone_stay():
+    """Each new lap at the limits is one that it follows worse than the one before."""
+    scenario = Scenario(flight_controller="betaflight", planner=PlannerConfig(limits="rotor"))
+    assert LapPlanner.from_scenario(scenario)._least_margin is None
+    bench = Bench(update="always", least_margin=None)
+    for tick in itertools.count(20):
+        now = tick / 20
+        plan = bench.plan_at(now)
+        if len(bench.problems) == 2:
+            break
+        estimate = np.zeros(STATE_SIZE)
+        estimate[5:8] = plan.derivatives(now)[0, :3] + [0.5, 0.5, 0.0]
+        bench.planner.GetInputPort("filtered_estimate").FixValue(bench.context, estimate)
+    for problem in bench.problems:
+        np.testing.assert_array_equal(problem.margins[: 2 * len(GATES)], CONTROLLER)
+
+
 @pytest.mark.parametrize(
     "limits, flown, share",
     [("rotor", "HOVER", 0.5), ("rotor", "RETURN", 0.0), ("original", "HOVER", 0.0)],

@@ -7,8 +7,8 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.planning.path_clock import as_clock
-from airrace.systems.planning.path_governor import _RATES, PathGovernor, _possible_rate
+from airrace.systems.planning.path_clock import REGULAR, as_clock
+from airrace.systems.planning.path_governor import _RATES, PathGovernor, _governed, _possible_rate
 from airrace.vehicle import GRAVITY_W, load_vehicle
 from airrace.vehicle.air import STILL_VECTOR, Air, air_vector
 from tests.systems.planning.test_trajectory_tracker import PLAN
@@ -121,3 +121,11 @@ def test_no_force_ahead_is_greater_than_the_rotors_give(drag):
     assert rate in _RATES[1:-1] and greatest(rate) <= most < greatest(rate + 0.05)
     assert _possible_rate(ahead, air_vector(air), 1e3, _RATES) == 1.0
     assert _possible_rate(ahead, air_vector(air), 1.0, _RATES) == _RATES[-1]
+
+
+def test_it_slows_gently_for_an_error_and_quickly_for_what_comes():
+    """Both want the same in the end; a drone without thrust to spare is not braked at once."""
+    late, ahead = (
+        _governed(REGULAR, 0.0, *wanted).after(0.3).slowing for wanted in ((1.2, 0.0), (0.0, 0.7))
+    )
+    assert 0.0 < late < 0.2 * ahead

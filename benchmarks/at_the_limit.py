@@ -31,9 +31,9 @@ from airrace.scenario import Scenario, load_scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_planner import LapPlanner
-from airrace.systems.planning.path_clock import REGULAR, clock_vector
+from airrace.systems.planning.path_clock import REGULAR_VECTOR
 from airrace.vehicle import load_vehicle
-from airrace.vehicle.air import STILL, air_vector
+from airrace.vehicle.air import STILL_VECTOR
 from benchmarks import harness
 from benchmarks.harness import column, groups
 from benchmarks.race_speed import EXPLORATION, LAPS, fly
@@ -143,12 +143,12 @@ def rotors_as_in_the_file(scenario: Scenario) -> _Constant:
 
 def still_air(scenario: Scenario) -> _Constant:
     """Takes the place of AirLearner."""
-    return _Constant("air", air_vector(STILL))
+    return _Constant("air", STILL_VECTOR)
 
 
 def clock_that_never_waits(scenario: Scenario) -> _Constant:
     """Takes the place of PathGovernor."""
-    return _Constant("path_clock", clock_vector(REGULAR))
+    return _Constant("path_clock", REGULAR_VECTOR)
 
 
 def main(argv=None) -> int:

@@ -16,7 +16,7 @@ from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_json import RaceJson, WallJson, is_course_json
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
-from airrace.scenario import trajectory_name
+from airrace.scenario import laps_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +42,7 @@ def make_report(run: Run) -> str:
         result=result,
         when=_when(result["wall"]),
         own_systems=own_systems_words(result.get("systems", {})),
-        trajectory=trajectory_name(result["trajectory"]),
+        laps=laps_name(result["trajectory"], result["limits"]),
         summary=_summary(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
         plans=plans,

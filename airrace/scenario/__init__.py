@@ -26,6 +26,7 @@ from airrace.scenario.scenario import (
     Scenario,
     StateEstimateConfig,
     StateFilterConfig,
+    laps_name,
     load_scenario,
     scenario_yaml,
     trajectory_name,

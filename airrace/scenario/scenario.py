@@ -56,6 +56,12 @@ def trajectory_name(trajectory: str) -> str:
     return f"{trajectory}-D" if trajectory.isdigit() else trajectory
 
 
+def laps_name(trajectory: str, limits: str) -> str:
+    """Returns what laps are called in a text: ``6-D``, ``optimal within limits rotor``."""
+    name = trajectory_name(trajectory)
+    return name if limits == "original" else f"{name} within limits {limits}"
+
+
 @dc.dataclass
 class StateEstimateConfig:
     """The noise of `state_noise: nominal`, and the rate of the estimate."""

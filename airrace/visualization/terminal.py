@@ -16,7 +16,7 @@ from airrace.math.quaternion import rotation_matrix
 from airrace.recording import race_events as events
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
-from airrace.scenario import Scenario, trajectory_name
+from airrace.scenario import Scenario, laps_name
 from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
 from airrace.vehicle import Vehicle, load_vehicle
@@ -115,9 +115,7 @@ class RaceDisplay:
 
     def _open(self) -> None:
         scenario = self._scenario
-        kind = trajectory_name(scenario.trajectory)
-        if scenario.planner.limits != "original":
-            kind += f" within limits {scenario.planner.limits}"
+        kind = laps_name(scenario.trajectory, scenario.planner.limits)
         self._print(
             f"airrace: {self._vehicle.name} on {self._track_name}, {kind}, "
             f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"

@@ -26,7 +26,7 @@ from airrace.systems.planning.map_margins import (
     pylon_margins,
     tracking_margins,
 )
-from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, as_clock
+from airrace.systems.planning.path_clock import CLOCK_SIZE, REGULAR_VECTOR, PathClock, as_clock
 from airrace.systems.planning.plan_checks import check_plan
 from airrace.systems.ports import read_or, read_vector
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -240,9 +240,12 @@ class LapPlanner(LeafSystem):
     def _recall(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
+    def _path_clock(self, context: Context) -> PathClock:
+        return as_clock(read_or(REGULAR_VECTOR, self._clock, context))
+
     def _delay(self, context: Context) -> float:
         """Returns how far the clock of plans is behind (s); all times below are by that clock."""
-        return as_clock(read_or(REGULAR_VECTOR, self._clock, context)).delay
+        return self._path_clock(context).delay
 
     def _in_force_from(self, context: Context, latency: float) -> float:
         """Returns when a plan that is searched for now comes into force (s): at an event."""
@@ -264,7 +267,7 @@ class LapPlanner(LeafSystem):
         plan, now = self._recall(context).plan, context.get_time()
         if plan is NO_PLAN or self._least_margin is None or not self._estimate.HasValue(context):
             return
-        clock = as_clock(read_or(REGULAR_VECTOR, self._clock, context))
+        clock = self._path_clock(context)
         position = as_state(read_vector(self._estimate, context)).position
         reference = clock.reference(plan, now)
         error, velocity = reference[:3] - position, reference[3:6]

@@ -69,8 +69,10 @@ export class Timeline {
     return this.count ? this.frames[0] : 0;
   }
 
+  // When the last thing happened: an event may be told after the last frame.
   get end() {
-    return this.count ? this.frames[(this.count - 1) * N] : 0;
+    const frame = this.count ? this.frames[(this.count - 1) * N] : 0;
+    return Math.max(frame, this.events.at(-1)?.t ?? 0);
   }
 
   // Returns the index of the last frame until t, at least 0.

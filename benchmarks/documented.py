@@ -33,13 +33,13 @@ BENCHMARKS = {
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "generated_rotor": (
-        *("races", "--only", "generated", "--levels", "1", "2", "3", "--tracks", "5"),
+        *("races", "--only", "generated", "--levels", "1", "2", "3", "--tracks", "20"),
         *("--scenario_text", "{{planner: {{limits: rotor}}}}", "--workers", "{workers}"),
     ),
     "original": ("original", "--workers", "{workers}"),
     "oracle": ("oracle", "--workers", "{workers}"),
     "at_the_limit": (
-        *("at_the_limit", "--levels", "2", "3", "--runs", "2", "--laps", "4"),
+        *("at_the_limit", "--levels", "1", "2", "3", "--runs", "2", "--laps", "4"),
         *("--workers", "{workers}"),
     ),
     "control": ("control", "--workers", "{workers}"),

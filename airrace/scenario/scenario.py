@@ -135,7 +135,8 @@ class PlannerConfig:
     rate: float = 20.0  # Hz
     latency: float = 1.0  # s, declared: from the map to the plan in force
     limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see scenario/lap_limits.py
-    # Of the rotors' limits: the rest is for the controller; null = all, or 0.97 through Betaflight.
+    # Of the rotors' limits: the rest is for the controller; null = all, or the betaflight_share of
+    # the drone's file.
     thrust_share: float | None = None
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
     # Of the drag in the drone's file, that the first lap on a given map counts with, within the

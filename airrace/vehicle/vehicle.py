@@ -123,6 +123,8 @@ class Vehicle:
     gains: Gains = dc.field(default_factory=Gains)  #: of the geometric controller
     original_gains: OriginalGains | None = None  #: None if the paper did not have the drone
     battery: Battery | None = None  #: of Betaflight's motors; None if its voltage does not fall
+    #: Of the rotors' limits, what laps may take through Betaflight: its mixer needs the rest.
+    betaflight_share: float = 0.95
 
     @property
     def allocation(self) -> np.ndarray:
@@ -225,6 +227,7 @@ class Vehicle:
             )
         if self.battery is not None:
             self.battery.check()
+        require(0.1 <= self.betaflight_share <= 1.0, "betaflight_share must be from 0.1 to 1")
 
 
 def find_vehicle(drone: str | os.PathLike[str]) -> Path:

@@ -160,6 +160,7 @@ def test_a_folder_of_ones_own(tmp_path, monkeypatch, relative):
             dict(original_gains=OriginalGains(1.0, 1.0, 1.0)),
             "all four original_gains must be positive",
         ),
+        (dict(betaflight_share=1.1), "betaflight_share must be from 0.1 to 1"),
     ],
 )
 def test_impossible_vehicles(change, words):

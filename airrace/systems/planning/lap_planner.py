@@ -41,8 +41,6 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
 _ROUNDING = 1e-12  # s
-# Share of the rotors' limits through Betaflight: with more, plans wait for it.
-_BETAFLIGHT_SHARE = 0.97
 _NEAREST = 0.15  # m, that a drone which follows well comes to boards, within the rotors' limits
 _HOVERING = 0.98  # of what laps may take, with which a drone must hover at least
 _SLOW = 0.1  # m/s, below which a path has no direction
@@ -206,10 +204,11 @@ class LapPlanner(LeafSystem):
         Raises:
             UserError: if the drone cannot hover within the limits.
         """
-        config = _config_of(scenario)
+        vehicle, _ = load_vehicle(scenario.drone)
+        config = _config_of(scenario, vehicle)
         try:
             return cls(
-                vehicle=load_vehicle(scenario.drone)[0],
+                vehicle=vehicle,
                 trajectory=scenario.trajectory,
                 config=config,
                 laps=scenario.laps,
@@ -406,11 +405,11 @@ class LapPlanner(LeafSystem):
         )
 
 
-def _config_of(scenario: Scenario) -> PlannerConfig:
+def _config_of(scenario: Scenario, vehicle: Vehicle) -> PlannerConfig:
     """Returns how laps are planned; Betaflight's mixer needs thrust that no plan takes."""
     share = scenario.planner.thrust_share
     if share is None and scenario.flight_controller == BETAFLIGHT:
-        share = _BETAFLIGHT_SHARE
+        share = vehicle.betaflight_share
     return dc.replace(scenario.planner, thrust_share=share)
 
 

@@ -17,7 +17,7 @@ from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.vehicle import GRAVITY
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
-_LEAST_GAIN = 1e-6  # s: durations are no more exact, so less is no reason for another plan
+_LEAST_GAIN = 1e-3  # s: less is no reason for another plan, since the way onto it may cost more
 _SLOWER = (0.8, 0.6, 0.4)  # of speed and acceleration, tried in turn
 _NUMPY = ThreadpoolController()
 

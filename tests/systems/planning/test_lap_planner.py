@@ -33,7 +33,7 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_from_hover,
 )
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import GRAVITY, RACERS, load_vehicle
 from airrace.vehicle.state import STATE_SIZE
 from tests.worlds import cases
 
@@ -385,6 +385,17 @@ def test_margins_follow_from_how_the_drone_follows_at_each_gate():
 def test_only_a_drone_that_is_told_where_it_is_comes_nearer(estimator, limits, nearer):
     scenario = Scenario(estimator=estimator, planner=PlannerConfig(limits=limits))
     assert (LapPlanner.from_scenario(scenario)._least_margin < CONTROLLER) == nearer
+
+
+@pytest.mark.parametrize("drone", RACERS)
+@pytest.mark.parametrize("share", [None, 0.9])
+def test_betaflight_keeps_what_the_drones_file_says(drone, share):
+    config = PlannerConfig(limits="rotor", thrust_share=share)
+    scenario = Scenario(drone=drone, flight_controller="betaflight", planner=config)
+    own = load_vehicle(drone)[0].betaflight_share
+    assert LapPlanner.from_scenario(scenario)._limits.thrust_share == (share or own)
+    internal = dc.replace(scenario, flight_controller="internal")
+    assert LapPlanner.from_scenario(internal)._limits.thrust_share == (share or 1.0)
 
 
 def test_margins_of_a_flight_controllers_drone_stay():

@@ -42,6 +42,7 @@ BENCHMARKS = {
         *("at_the_limit", "--levels", "1", "2", "3", "--runs", "2", "--laps", "4"),
         *("--workers", "{workers}"),
     ),
+    "betaflight": ("betaflight",),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),
     "mapping": ("mapping",),

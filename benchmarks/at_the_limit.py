@@ -159,7 +159,7 @@ def main(argv=None) -> int:
     parser.add_argument("--share", type=float, default=1.0, help="planner.thrust_share")
     parser.add_argument("--pixels", action="store_true", help="explore and map from pictures")
     parser.add_argument(
-        "--speed-runs", type=int, default=3, help="races for the speed (default: 3)"
+        "--speed-runs", type=harness.count, default=3, help="races for the speed (default: 3)"
     )
     parser.add_argument("--only", nargs="+", help="parts, by how their names end (default: all)")
     parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
@@ -190,7 +190,7 @@ def measure(args) -> dict:
     jobs = [(_speed, (text,)) for text in texts]
     # One at a time, each in a process of its own.
     turns = args.speed_runs * jobs
-    speeds = harness.in_processes(turns, "Taking the time") if turns else []
+    speeds = harness.in_processes(turns, "Taking the time")
     return {"laps": laps, "speed": {k: speeds[i :: len(jobs)] for i, k in enumerate(ends)}}
 
 

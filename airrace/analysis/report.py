@@ -14,7 +14,7 @@ from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
-from airrace.recording.race_json import RaceJson, WallJson, is_course_json
+from airrace.recording.race_json import LapJson, PlanJson, RaceJson, WallJson, is_course_json
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, own_systems_words
 from airrace.scenario import laps_name
 
@@ -47,6 +47,7 @@ def make_report(run: Run) -> str:
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
         plans=plans,
         same_plan=same_plan_words(plans),
+        learnt=_learnt(result["laps"]),
         original=ORIGINAL_LAPS if _is_comparable(result) else {},
         best=best_lap(run),
         pictures=_pictures(run),
@@ -59,6 +60,27 @@ def _when(wall: WallJson) -> str:
     date = wall.get("date", "")[:16].replace("T", " ")
     version = f"airrace {wall['version']}" if "version" in wall else ""
     return ", ".join(filter(None, (date and f"{date} UTC", version)))
+
+
+def _learnt(laps: list[LapJson]) -> list[tuple[int, PlanJson]]:
+    """Returns the laps, and plans, that count with another drone or air than the lap before.
+
+    The first is compared with the drone as in its file, in still air: nothing is learnt until then.
+    """
+    learnt: list[tuple[int, PlanJson]] = []
+    for lap in laps:
+        plan = lap["plan"]
+        if plan is None or not plan.get("rotor_factors"):
+            continue
+        known = _known(plan)
+        as_in_file = set(known[0]) == {1.0} and not any(known[1])
+        if known != _known(learnt[-1][1]) if learnt else not as_in_file:
+            learnt.append((lap["lap"], plan))
+    return learnt
+
+
+def _known(plan: PlanJson) -> list[list[float]]:
+    return [plan["rotor_factors"], plan["drag"], plan["wind"]]
 
 
 def _is_comparable(result: RaceJson) -> bool:

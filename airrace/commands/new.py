@@ -17,7 +17,7 @@ from airrace.common.resources import models_path
 
 EPILOG = """\
 examples:
-  airrace new drone my_drone            the folder my_drone: vehicle.yaml and its SDF file
+  airrace new drone my_drone            the folder my_drone: vehicle.yaml, its SDF file, settings
   airrace new track my_track            my_track.yaml
   airrace new controller my_controller  my_controller.py, a Drake system
   airrace new detector my_detector      my_detector.py, a Drake system
@@ -57,7 +57,10 @@ def _drone(kind: str, name: str) -> str:
     vehicle = vehicle.replace("name: Default", f"name: {name}")
     vehicle = vehicle.replace("model: default.sdf ", f"model: {name}.sdf ")
     sdf = (source / "default.sdf").read_text(encoding="utf-8")
-    _write({Path(name, "vehicle.yaml"): vehicle, Path(name, f"{name}.sdf"): sdf})
+    betaflight = (source / "betaflight.txt").read_text(encoding="utf-8")
+    betaflight = betaflight.replace("drone Default", f"drone {name}")
+    files = {"vehicle.yaml": vehicle, f"{name}.sdf": sdf, "betaflight.txt": betaflight}
+    _write({Path(name, file): text for file, text in files.items()})
     return f"race -d ./{name} --track hexagon --laps 1"
 
 

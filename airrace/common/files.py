@@ -135,7 +135,7 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
         refuse: names of files that must not be in the folder yet.
 
     Raises:
-        UserError: if it cannot be written to or holds one of those files.
+        UserError: if it cannot be written to, holds one of those files, or is being written to.
     """
     if numbered:
         remove_abandoned(path.parent.glob(_STAMPED), Path.rmdir)
@@ -153,14 +153,20 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
             raise UserError(
                 f"--output {folder} cannot be written to ({e.strerror}); name another folder."
             ) from None
-    for name in refuse:
-        if os.path.lexists(folder / name):
-            raise UserError(
-                f"--output {folder} already holds results ({name}); name another folder or "
-                "remove it."
-            )
     try:
-        with held(folder):
+        with contextlib.ExitStack() as stack:
+            try:
+                stack.enter_context(held(folder, alone=bool(refuse)))
+            except BlockingIOError:
+                raise UserError(
+                    f"--output {folder} is written to by another program; name another folder."
+                ) from None
+            for name in refuse:
+                if os.path.lexists(folder / name):
+                    raise UserError(
+                        f"--output {folder} already holds results ({name}); name another folder or "
+                        "remove it."
+                    )
             yield folder
     except BaseException:
         _remove_empty(created)

@@ -32,14 +32,22 @@ def temporary_folder() -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def held(folder: Path) -> Iterator[None]:
+def held(folder: Path, alone: bool = False) -> Iterator[None]:
     """Keeps a folder from being removed as abandoned, until the ``with`` block or the process ends.
 
     Where the file system knows no locks, nothing is ever removed.
+
+    Args: folder: to hold. alone: whether nobody else may hold it.
+
+    Raises:
+        BlockingIOError: if alone, and somebody else holds it.
     """
     with _opened(folder) as descriptor:
-        with contextlib.suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        except OSError as e:
+            if alone and isinstance(e, BlockingIOError):
+                raise
         yield
 
 

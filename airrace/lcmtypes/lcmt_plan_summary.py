@@ -10,14 +10,14 @@ import struct
 class lcmt_plan_summary(object):
     """
     See PlanSummary in airrace/systems/planning/lap_plan.py. What is counted is there at most
-    once, but for the thrusts, one a rotor, and the limits.
+    once, but for thrusts and factors, one a rotor, the limits, the drag and the wind.
     """
 
-    __slots__ = ["solve_time", "duration", "max_speed", "max_acceleration", "max_rotor_thrust", "num_max_thrusts", "max_thrusts", "num_min_thrusts", "min_thrusts", "num_max_rate", "max_rate", "num_clearance", "clearance", "num_margin", "margin", "num_active_limits", "active_limits", "num_bound", "bound", "solver", "num_iterations", "iterations", "warm"]
+    __slots__ = ["solve_time", "duration", "max_speed", "max_acceleration", "max_rotor_thrust", "num_max_thrusts", "max_thrusts", "num_min_thrusts", "min_thrusts", "num_max_rate", "max_rate", "num_clearance", "clearance", "num_margin", "margin", "num_active_limits", "active_limits", "num_bound", "bound", "solver", "num_iterations", "iterations", "warm", "num_rotor_factors", "rotor_factors", "num_drag", "drag", "num_wind", "wind"]
 
-    __typenames__ = ["double", "double", "double", "double", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "string", "int32_t", "double", "string", "int32_t", "int32_t", "boolean"]
+    __typenames__ = ["double", "double", "double", "double", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "double", "int32_t", "string", "int32_t", "double", "string", "int32_t", "int32_t", "boolean", "int32_t", "double", "int32_t", "double", "int32_t", "double"]
 
-    __dimensions__ = [None, None, None, None, None, None, ["num_max_thrusts"], None, ["num_min_thrusts"], None, ["num_max_rate"], None, ["num_clearance"], None, ["num_margin"], None, ["num_active_limits"], None, ["num_bound"], None, None, ["num_iterations"], None]
+    __dimensions__ = [None, None, None, None, None, None, ["num_max_thrusts"], None, ["num_min_thrusts"], None, ["num_max_rate"], None, ["num_clearance"], None, ["num_margin"], None, ["num_active_limits"], None, ["num_bound"], None, None, ["num_iterations"], None, None, ["num_rotor_factors"], None, ["num_drag"], None, ["num_wind"]]
 
     def __init__(self):
         self.solve_time = 0.0
@@ -110,6 +110,22 @@ class lcmt_plan_summary(object):
         """ LCM Type: int32_t[num_iterations] """
         self.warm = False
         """ LCM Type: boolean """
+        self.num_rotor_factors = 0
+        """ LCM Type: int32_t """
+        self.rotor_factors = []
+        """ LCM Type: double[num_rotor_factors] """
+        self.num_drag = 0
+        """ LCM Type: int32_t """
+        self.drag = []
+        """ LCM Type: double[num_drag] """
+        self.num_wind = 0
+        """
+        (1/s, 1/m)
+        LCM Type: int32_t
+        """
+
+        self.wind = []
+        """ LCM Type: double[num_wind] """
 
     def encode(self):
         buf = BytesIO()
@@ -142,7 +158,12 @@ class lcmt_plan_summary(object):
         buf.write(b"\0")
         buf.write(struct.pack(">i", self.num_iterations))
         buf.write(struct.pack('>%di' % self.num_iterations, *self.iterations[:self.num_iterations]))
-        buf.write(struct.pack(">b", self.warm))
+        buf.write(struct.pack(">bi", self.warm, self.num_rotor_factors))
+        buf.write(struct.pack('>%dd' % self.num_rotor_factors, *self.rotor_factors[:self.num_rotor_factors]))
+        buf.write(struct.pack(">i", self.num_drag))
+        buf.write(struct.pack('>%dd' % self.num_drag, *self.drag[:self.num_drag]))
+        buf.write(struct.pack(">i", self.num_wind))
+        buf.write(struct.pack('>%dd' % self.num_wind, *self.wind[:self.num_wind]))
 
     @staticmethod
     def decode(data: bytes):
@@ -179,12 +200,18 @@ class lcmt_plan_summary(object):
         self.num_iterations = struct.unpack(">i", buf.read(4))[0]
         self.iterations = struct.unpack('>%di' % self.num_iterations, buf.read(self.num_iterations * 4))
         self.warm = bool(struct.unpack('b', buf.read(1))[0])
+        self.num_rotor_factors = struct.unpack(">i", buf.read(4))[0]
+        self.rotor_factors = struct.unpack('>%dd' % self.num_rotor_factors, buf.read(self.num_rotor_factors * 8))
+        self.num_drag = struct.unpack(">i", buf.read(4))[0]
+        self.drag = struct.unpack('>%dd' % self.num_drag, buf.read(self.num_drag * 8))
+        self.num_wind = struct.unpack(">i", buf.read(4))[0]
+        self.wind = struct.unpack('>%dd' % self.num_wind, buf.read(self.num_wind * 8))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_plan_summary in parents: return 0
-        tmphash = (0xa0ad2acf0826059) & 0xffffffffffffffff
+        tmphash = (0xc2921ba123ae144a) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

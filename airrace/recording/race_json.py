@@ -14,6 +14,9 @@ class PlanJson(TypedDict):
 
     number: int
     duration_s: float
+    rotor_factors: NotRequired[list[float]]
+    drag: NotRequired[list[float]]
+    wind: NotRequired[list[float]]
 
 
 class LapJson(TypedDict):

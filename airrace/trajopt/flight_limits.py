@@ -59,6 +59,10 @@ class FlightLimits:
             raise TrajectoryOptimizationError(
                 f"max_axis_rates must be three positive numbers, not {self.max_axis_rates}."
             )
+        if not self.idle_share >= 0.0 or np.isnan(self.min_lift):
+            raise TrajectoryOptimizationError(
+                "idle_share must not be negative, and min_lift be a number."
+            )
         hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY
         if np.any(hover >= self.max_thrusts):
             raise TrajectoryOptimizationError(
@@ -109,6 +113,10 @@ class FlightConstraints:
         self.limits.check()
         if not np.isfinite(np.asarray(self.pylons, float)).all():
             raise TrajectoryOptimizationError("The place of a pylon is not finite.")
+        if np.isnan(self.min_height) or not np.all(np.asarray(self.clearance) >= 0.0):
+            raise TrajectoryOptimizationError(
+                "min_height must be a number, and clearance one that is not negative."
+            )
         if not 0.0 < self.half_view <= np.pi:
             raise TrajectoryOptimizationError(
                 "half_view must be positive, and 180 degrees at most."

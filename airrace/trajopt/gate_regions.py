@@ -31,6 +31,18 @@ class Region(Immutable):
     low: np.ndarray = dc.field(default_factory=lambda: np.zeros(0))
     high: np.ndarray = dc.field(default_factory=lambda: np.zeros(0))
 
+    def __post_init__(self) -> None:
+        """Checks that there are such points.
+
+        Raises:
+            TrajectoryOptimizationError: if a size is negative or no number.
+        """
+        sizes = np.append(self.radius, self.high - self.low)
+        if not (sizes >= 0.0).all() or not np.isfinite(self.A).all():
+            raise TrajectoryOptimizationError(
+                "A gate's radius, width, height or length is negative, or no number."
+            )
+
     @classmethod
     def window(
         cls, midpoint: ArrayLike, heading: float, half_width: float, half_height: float
@@ -74,9 +86,7 @@ class Region(Immutable):
         Raises:
             TrajectoryOptimizationError: if the radius is negative.
         """
-        if not radius >= 0.0:
-            raise TrajectoryOptimizationError(f"The radius of a ball is negative: {radius}.")
-        if radius > 0.0:
+        if radius != 0.0:
             return cls(np.array(midpoint), float(radius))
         return cls(np.array(midpoint), A=np.eye(3), low=np.zeros(3), high=np.zeros(3))
 

@@ -28,9 +28,10 @@ _TUMBLING = 15.0  # rad/s
 _UPRIGHT = 0.5  # cosine of a lean, of which the drone turns over
 _TAKING_OFF = 3.0  # s
 _LATE = 1.0  # s, behind the real time, that is no news
+_WAITED = 0.005  # s, in a lap, that are told
 _CAPTION = (
     "over bound: how much longer the planned lap is than the best lap of a point mass with the "
-    "same limits; map error: RMS over the markers"
+    "same limits and no drag; map error: RMS over the markers"
 )
 
 
@@ -168,7 +169,8 @@ class RaceDisplay:
                 crossing = event.crossing
                 if crossing.gate == 1 and self._crossings:
                     lap, waited = self._crossings // self._gates, self._delay - self._lap_delay
-                    words = f", in which the clock waited {waited:.2f} s" if waited else ""
+                    told = waited >= _WAITED
+                    words = f", in which the clock waited {waited:.2f} s" if told else ""
                     self._print_at(
                         crossing.time, f"lap {lap}: {crossing.time - self._lap_start:.2f} s{words}"
                     )

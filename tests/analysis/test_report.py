@@ -156,6 +156,18 @@ def test_the_original_system_is_no_comparison_for_other_races(tmp_path, field):
     assert "original, 3-D" not in make_report(run)
 
 
+def test_what_plans_count_with_is_told_when_it_changes(tmp_path):
+    run = load_run(make_run(tmp_path / "run", laps=3, recorded=False))
+    assert "that plans count with" not in make_report(run)
+    drones = [([1.0, 1.0], [0.0, 0.0]), ([0.95, 1.02], [0.1, 0.006]), ([0.95, 1.02], [0.1, 0.006])]
+    for lap, (rotors, drag) in zip(run.result["laps"], drones):
+        lap["plan"].update(rotor_factors=rotors, drag=drag, wind=[3.0, -0.5, 0.0])
+    told = make_report(run).split("that plans count with</h3>")[1].split("</table>")[0]
+    (row,) = re.findall("<tr><td>(.*?)</tr>", told, re.DOTALL)
+    assert row.startswith("2<")
+    assert all(text in row for text in ("95.0 102.0", "0.1000", "3.0 -0.5 0.0"))
+
+
 @pytest.mark.slow
 def test_a_race_that_did_not_finish(tmp_path):
     folder = make_run(tmp_path / "run", laps=0, finished=False)

@@ -47,6 +47,8 @@ def test_what_is_made_is_accepted(kind, folder, capsys):
     name = "my-own_1" if kind in ("drone", "track") else f"new_{kind}"
     assert main(["new", kind, name]) == 0
     command = printed_command(capsys)
+    if kind == "drone":
+        assert name in (folder / name / "betaflight.txt").read_text().splitlines()[0]
     if "--scenario_text" in command:
         command = [word.replace("{systems", f"{{{BRIEFLY}, systems") for word in command]
     else:

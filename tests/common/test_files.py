@@ -134,6 +134,14 @@ class TestResultsFolder:
             names = sorted(pool.map(claim, range(8)))
         assert names == sorted(["now", *(f"now-{k}" for k in range(2, 9))])
 
+    def test_two_runs_at_once_do_not_write_to_one_folder(self, tmp_path):
+        with results_folder(tmp_path / "a", refuse=("race.json",)) as folder:
+            with pytest.raises(UserError, match="a is written to by another program; name another"):
+                with results_folder(folder, refuse=("race.json",)):
+                    pytest.fail("the folder was taken")
+        with results_folder(folder, refuse=("race.json",)):  # nobody holds it any more
+            pass
+
     @pytest.mark.parametrize("name", ["race.json", "scenario.yaml"])
     def test_an_old_race_is_not_overwritten(self, tmp_path, name):
         (tmp_path / name).write_text("old")

@@ -97,6 +97,9 @@ def plan(lap, duration):
             solver="Clarabel",
             iterations=3,
             warm=True,
+            rotor_factors=(0.97, 1.01),
+            drag=(0.1, 0.006),
+            wind=(3.0, 0.0, 0.0),
         ),
     )
 
@@ -281,6 +284,9 @@ def test_a_whole_race():
         "solver": "Clarabel",
         "iterations": 3,
         "warm": True,
+        "rotor_factors": [0.97, 1.01],
+        "drag": [0.1, 0.006],
+        "wind": [3.0, 0.0, 0.0],
     }
     assert second["plan"] == said
     assert data["mean_lap_s"] == data["best_lap_s"] == 20.0

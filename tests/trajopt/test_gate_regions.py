@@ -83,6 +83,20 @@ def test_what_is_no_flat_convex_polygon_is_refused(corners):
         Region.polygon(corners)
 
 
+@pytest.mark.parametrize("size", [np.nan, -1.0])
+def test_a_region_has_a_size(size):
+    for make in (
+        lambda: Region.window(MIDPOINTS[0], 0.0, size, 1.0),
+        lambda: Region.window(MIDPOINTS[0], 0.0, 1.0, size),
+        lambda: Region.polygon(TILTED, size),
+        lambda: Region.ball(MIDPOINTS[0], size),
+    ):
+        with pytest.raises(TrajectoryOptimizationError, match="negative, or no number"):
+            make()
+    with pytest.raises(TrajectoryOptimizationError, match="no number"):
+        Region.window(MIDPOINTS[0], np.nan, 1.0, 1.0)
+
+
 def test_a_prism_reaches_as_far_to_both_sides_of_its_polygon():
     prism, normal = (
         Region.polygon(TILTED, 4.0),

@@ -24,7 +24,7 @@ class PlanSummary(Immutable):
     min_thrusts: tuple = ()
     max_rate: float | None = None  #: of the body's angular velocity (rad/s)
     clearance: float | None = None  #: from the nearest pylon's axis (m)
-    #: Between drone and boards that was asked for, at the gate that the map knows least (m).
+    #: Between drone and boards that was asked for, at the gate where it is the most (m).
     margin: float | None = None
     active_limits: tuple = ()  #: names of the limits that are used to the full
     #: The lap of a point mass with the same limits through the same gates, and as far from the
@@ -33,6 +33,12 @@ class PlanSummary(Immutable):
     solver: str = ""  #: its name
     iterations: int | None = None  #: of convex programs, or None
     warm: bool = False  #: whether the search started from the lap before
+    #: What the plan counts with, of the drone: each rotor's thrust by the drone's mass, of what its
+    #: file says, (n,); and of the air, see Air: drag along any axis, linear (1/s) and quadratic
+    #: (1/m), and the wind (m/s, in the world), (3,). Tuples.
+    rotor_factors: tuple = ()
+    drag: tuple = ()
+    wind: tuple = ()
 
     @property
     def gap(self) -> float | None:

@@ -15,6 +15,7 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import check_flight, sample_times
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.vehicle import GRAVITY
+from airrace.vehicle.air import as_air
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
 _LEAST_GAIN = 1e-3  # s: less is no reason for another plan, since the way onto it may cost more
@@ -73,7 +74,7 @@ def _plan(problem: LapProblem) -> LapPlan | None:
         return None
     samples = np.hstack([each.sample(sample_times(each, 1000.0)) for each in (entry, circuit)])
     check = check_flight(samples, problem.pylons, laps.constraints.limits)
-    own = getattr(circuit, "summary", None)
+    own, air = getattr(circuit, "summary", None), as_air(problem.air)
     summary = PlanSummary(
         solve_time=wall_clock.perf_counter() - clock,
         duration=circuit.duration,
@@ -90,6 +91,9 @@ def _plan(problem: LapProblem) -> LapPlan | None:
         solver=laps.solver,
         iterations=own and own.iterations,
         warm=bool(own and own.warm),
+        rotor_factors=tuple(map(float, problem.rotor_factors)),
+        drag=(float(air.linear), float(air.quadratic)),
+        wind=tuple(map(float, air.wind)),
     )
     lap = 1 if old is NO_PLAN else old.lap_at(problem.start_time) + 1
     return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)

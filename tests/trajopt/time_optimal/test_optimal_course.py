@@ -119,10 +119,16 @@ def test_a_gate_may_come_twice_from_behind_and_tilted():
         (lambda: balls(between=None), {}, "open"),
         (balls, {"max_axis_rates": (15.0, 0.0, 3.0)}, "max_axis_rates"),
         (balls, {"thrust_share": 0.1}, "hover"),
+        (balls, {"idle_share": -0.1}, "idle_share"),
+        (balls, {"min_lift": np.nan}, "min_lift"),
+        (balls, {"clearance": np.nan}, "clearance"),
+        (balls, {"min_height": np.nan}, "min_height"),
     ],
 )
 def test_what_cannot_be_is_refused(gates, changes, reason):
-    constraints = dc.replace(FREE, limits=dc.replace(LIMITS, **changes))
+    own = {k: v for k, v in changes.items() if k in ("clearance", "min_height")}
+    limits = {k: v for k, v in changes.items() if k not in own}
+    constraints = dc.replace(FREE, limits=dc.replace(LIMITS, **limits), **own)
     with pytest.raises(TrajectoryOptimizationError, match=reason):
         plan_optimal_course(gates(), constraints)
 

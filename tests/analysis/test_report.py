@@ -162,7 +162,7 @@ def test_what_plans_count_with_is_told_when_it_changes(tmp_path):
     drones = [([1.0, 1.0], [0.0, 0.0]), ([0.95, 1.02], [0.1, 0.006]), ([0.95, 1.02], [0.1, 0.006])]
     for lap, (rotors, drag) in zip(run.result["laps"], drones):
         lap["plan"].update(rotor_factors=rotors, drag=drag, wind=[3.0, -0.5, 0.0])
-    told = make_report(run).split("that plans count with</h3>")[1].split("</table>")[0]
+    told = make_report(run).split("that plans count with</h2>")[1].split("</table>")[0]
     (row,) = re.findall("<tr><td>(.*?)</tr>", told, re.DOTALL)
     assert row.startswith("2<")
     assert all(text in row for text in ("95.0 102.0", "0.1000", "3.0 -0.5 0.0"))

@@ -91,12 +91,17 @@ def _plan(problem: LapProblem) -> LapPlan | None:
         solver=laps.solver,
         iterations=own and own.iterations,
         warm=bool(own and own.warm),
-        rotor_factors=tuple(map(float, problem.rotor_factors)),
-        drag=(float(air.linear), float(air.quadratic)),
-        wind=tuple(map(float, air.wind)),
+        rotor_factors=_rounded(*problem.rotor_factors),
+        drag=_rounded(air.linear, air.quadratic),
+        wind=_rounded(*air.wind),
     )
     lap = 1 if old is NO_PLAN else old.lap_at(problem.start_time) + 1
     return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)
+
+
+def _rounded(*numbers: float) -> tuple:
+    """Returns numbers that are multiples of a step, as they are written."""
+    return tuple(round(float(each), 6) for each in numbers)
 
 
 def _best_laps(laps: Laps, old: LapPlan, always: bool = False) -> tuple[list[Circuit], float]:

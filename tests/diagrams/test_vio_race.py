@@ -127,8 +127,12 @@ def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
 
 @pytest.mark.repeats
 def test_after_seven_seconds_in_the_dark_it_looks_at_known_gates_and_goes_on(tmp_path):
-    """It is exploring, and would find the next gate too late to know where it is."""
-    result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 26.0, 7.0)]), tmp_path)
+    """It is exploring, and would find the next gate too late to know where it is.
+
+    With half of the pictures, it finds the known gate again in most races, but not in all.
+    """
+    failures = [CameraFailure("dark", 26.0, 7.0)]
+    result = run_race(make_scenario(fps=30.0, camera_failures=failures), tmp_path)
     assert result["finished"] and result["collisions"] == 0
     assert "LOOK_BACK" in [event["state"] for event in result["exploration"]["events"]]
 

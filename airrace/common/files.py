@@ -155,22 +155,27 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) ->
             ) from None
     try:
         with contextlib.ExitStack() as stack:
-            try:
-                stack.enter_context(held(folder, alone=bool(refuse)))
-            except BlockingIOError:
-                raise UserError(
-                    f"--output {folder} is written to by another program; name another folder."
-                ) from None
-            for name in refuse:
-                if os.path.lexists(folder / name):
-                    raise UserError(
-                        f"--output {folder} already holds results ({name}); name another folder or "
-                        "remove it."
-                    )
+            _claim(stack, folder, refuse)
             yield folder
     except BaseException:
         _remove_empty(created)
         raise
+
+
+def _claim(stack: contextlib.ExitStack, folder: Path, refuse: tuple) -> None:
+    """Holds a folder while a stack is open; raises UserError if it is somebody else's."""
+    try:
+        stack.enter_context(held(folder, alone=bool(refuse)))
+    except BlockingIOError:
+        raise UserError(
+            f"--output {folder} is written to by another program; name another folder."
+        ) from None
+    for name in refuse:
+        if os.path.lexists(folder / name):
+            raise UserError(
+                f"--output {folder} already holds results ({name}); name another folder or "
+                "remove it."
+            )
 
 
 def _remove_empty(folders):

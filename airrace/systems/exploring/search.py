@@ -154,8 +154,8 @@ def next_steps(now: Situation, config: ExplorerConfig) -> Iterator[Step]:
 def step_back(now: Situation, config: ExplorerConfig) -> Step | None:
     """Returns the step by which the nearest known gate can be read; None if it is done.
 
-    First it turns to the gate, and then it flies to where the gate is seen best. Both of its sides
-    carry markers, so that is on the drone's side of it.
+    It turns to the gate while it flies to where that is seen best. Both of its sides carry markers,
+    so that is on the drone's side of it.
 
     Args: now: what is known. config: an ExplorerConfig.
     """
@@ -169,11 +169,8 @@ def step_back(now: Situation, config: ExplorerConfig) -> Step | None:
     away = _READING * config.side_distance
     pose = gate_pose(gate, away if beyond else -away)
     pose[3] += math.pi if beyond else 0.0
-    if np.linalg.norm(pose[:3] - here[:3]) > _ON_THE_SPOT:
-        bearing = math.atan2(to_gate[1], to_gate[0])
-        if abs(wrap_angle(bearing - here[3])) > _IN_VIEW:
-            pose = np.array([*here[:3], bearing])
-    elif abs(wrap_angle(pose[3] - here[3])) < _IN_VIEW:
+    is_there = np.linalg.norm(pose[:3] - here[:3]) < _ON_THE_SPOT
+    if is_there and abs(wrap_angle(pose[3] - here[3])) < _IN_VIEW:
         return None
     reason = f"unsure of its place, looking at gate {gate.number + 1} again"
     routes = [[pose], route_above_pylons(here, pose)]

@@ -230,16 +230,16 @@ def fly_unsure(readable):
 
 @pytest.mark.slow
 def test_a_drone_that_is_unsure_looks_at_a_known_gate_until_it_is_sure_again():
-    """It turns, flies nearer, and then searches from that gate: not so far away again."""
+    """It turns as it flies nearer, and then searches from that gate: not so far away again."""
     events = fly_unsure(readable=True)
     states = [event.state for event in events]
-    assert states[:5] == ["HOVER", "LOOK_BACK", "HOVER", "LOOK_BACK", "GO_BACK"]
+    assert states[:3] == ["HOVER", "LOOK_BACK", "GO_BACK"]
     assert events[1].reason == "unsure of its place, looking at gate 5 again"
-    assert events[4].time - events[3].time < 3.0  # as soon as the gate is in sight, not there
+    assert events[2].time < fly_unsure(readable=False)[2].time - 1.0  # in sight, not there
 
 
 @pytest.mark.slow
 def test_unsure_in_vain_it_searches_on():
     """The gate is not where it should be: it looks for it there once, not for ever."""
     states = [event.state for event in fly_unsure(readable=False)]
-    assert states[:6] == ["HOVER", "LOOK_BACK", "HOVER", "LOOK_BACK", "HOVER", "STEP_FORWARD"]
+    assert states[:4] == ["HOVER", "LOOK_BACK", "HOVER", "STEP_FORWARD"]

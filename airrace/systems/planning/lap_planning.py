@@ -122,7 +122,6 @@ def _best_laps(laps: Laps, old: LapPlan, always: bool = False) -> tuple[list[Cir
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
     found.sort(key=lambda lap: lap.duration)
-    if always or not found:
-        return found, bound
-    gain = old.circuit.duration - found[0].duration
-    return ([] if gain < _LEAST_GAIN and laps.fits(old.circuit) else found), bound
+    quicker = [lap for lap in found if lap.duration <= old.circuit.duration - _LEAST_GAIN]
+    stays = not always and len(quicker) < len(found) and laps.fits(old.circuit)
+    return (quicker if stays else found), bound

@@ -77,7 +77,8 @@ class TimeOptimalLaps(Laps):
             asked = [_ROOM * self._problem.old_share(time) for time in _EASINGS]
             shares = np.unique(np.maximum(limits.thrust_share, asked))
         joins = [k for k in joins if k < len(circuit.headings)]
-        guesses = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
+        # Where the new lap is far from the old one, that is no guess.
+        guesses = [(k, guess) for guess in dict.fromkeys((old, None)) for k in joins]
         for share in shares:
             constraints = dc.replace(constraints, limits=dc.replace(limits, thrust_share=share))
             found = []  # with what is lost on them (s)

@@ -138,6 +138,17 @@ def test_no_transition_onto_a_lap_loops_before_a_gate(seed):
 
 
 @pytest.mark.slow
+def test_a_lap_far_from_the_old_one_is_reached():
+    """The old plan, that keeps another metre from pylons, is no guess of the way onto the new."""
+    gates = true_map(generated_track(3)[0]).gates
+    old = plan_lap(problem(limits="rotor", gates=gates, extra=1.2, thrust_share=1.0))
+    given = problem(limits="rotor", gates=gates, extra=0.2, thrust_share=1.0, old=old)
+    quickest = TimeOptimalLaps(given).lap(None).duration
+    assert quickest < 0.97 * old.circuit.duration
+    assert plan_lap(given).circuit.duration == quickest
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", cases.first(["v=15,a=8", "rotor", "original", "a=12"], 2))
 @pytest.mark.parametrize("trajectory", cases.first(["optimal", "4", "3", "6"], 2))
 def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
@@ -220,6 +231,7 @@ class Laps:
         (25.0, 19.0, False, ["warm", "cold"], ["cold", "warm"]),  # stalled
         (25.0, None, False, ["warm", "cold"], ["warm"]),  # slow, but the gates have moved
         (25.0, 24.0, True, ["warm", "cold"], []),  # never flown
+        (25.0, 18.5, True, ["warm", "cold"], ["cold"]),  # the old is better than the other
         (None, 19.0, False, ["warm", "cold"], ["cold"]),
         (None, None, True, ["warm", "cold"], []),
     ],

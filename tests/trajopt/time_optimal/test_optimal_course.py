@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, Region
+from airrace.trajopt.time_optimal import optimal_course
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
@@ -88,6 +89,25 @@ def test_states_of_so_many_a_leg_are_those_of_the_others():
     assert few.times[10::10] == pytest.approx(dive().gate_times[1:])
     at = [np.interp(few.times, all_of_them.times, row) for row in all_of_them.positions]
     np.testing.assert_allclose(few.positions, at, atol=1e-3)
+
+
+def test_of_flights_that_exceed_a_little_the_one_is_kept_that_loses_least():
+    """What a search within tighter limits finds may be worse than what it began with."""
+    spline = dive().spline
+
+    class Worse:
+        """A search that finds a flight which takes twice as long, and turns far too quick."""
+
+        constraints, grid = FREE, Grid(spline.pieces, 20, to_end=True)
+
+        def improve(self, now, warm, effort):
+            worse = dc.replace(spline, interior=1.5 * spline.interior)
+            return LapSamples.of(worse.dilated(2.0), self.grid, LIMITS, 0.0), 1
+
+    begun = spline.dilated(0.99)
+    kept, iterations = optimal_course._kept(begun, Worse())
+    assert iterations > 1 and kept.excess() <= 0.0
+    assert kept.lap.duration == pytest.approx(spline.duration, rel=2e-3)
 
 
 @pytest.mark.slow

@@ -21,12 +21,12 @@ from airrace.trajopt.time_optimal.optimal_lap import PRECISION, first_lap, refin
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 
 # Pieces of each leg's spline, and when the search with so many ends: one after the other.
-STAGES = ((8, Effort(20, 1e-3, samples=32)), (12, Effort(5, 3e-4, samples=80)))
+STAGES = ((8, Effort(60, 1e-3, samples=32)), (12, Effort(20, 1e-3, samples=80)))
 _FIRMNESS = 100.0  # of the search: courses may have short legs among long ones
-# Of the search within tighter limits, for what lies between its samples; and an excess.
-_ROUNDS, _LAST, _NEGLIGIBLE = 6, Effort(1, 5e-4, caution=100.0), 2e-4
-_BEYOND = 1.2  # times what is exceeded
-_RATE = 1000.0  # Hz, of the last check
+# Of the search within tighter limits, for what lies between its samples.
+_ROUNDS, _LAST = 6, Effort(1, 5e-4, caution=100.0)
+_BEYOND, _MORE = 1.2, 5e-4  # times what is exceeded, and that much more
+_RATE, _CHECK = 1000.0, 2000.0  # Hz, of states, and of the last check
 
 
 class CourseStates(NamedTuple):
@@ -131,33 +131,38 @@ def plan_optimal_course(
 
 
 def _kept(lap: LapSpline, search: LapSearch) -> tuple[LapSamples, int]:
-    """Returns the quickest flight near one that keeps the limits at 1 kHz, and iterations.
+    """Returns the quickest flight near one that keeps the limits at _CHECK, and iterations.
 
     What exceeds them between samples of the search is searched for anew within tighter ones.
-    A little that remains is no matter of slowing: where the thrust nearly vanishes, a slower
-    flight turns quicker, and to be rid of a thousandth of the rate may take a tenth of the time.
+    Slowing would be no cure: where the thrust nearly vanishes, a slower flight turns quicker, and
+    to be rid of a thousandth of the rate may take a tenth of the time. It is the last resort.
     """
-    constraints, iterations, best = search.constraints, 0, None
+    constraints, iterations, laps = search.constraints, 0, []
+    limits = constraints.limits
     for _ in range(_ROUNDS):
-        fine = LapSamples.of(lap, _fine(lap), constraints.limits, 0.0)
-        with contextlib.suppress(TrajectoryOptimizationError):
-            slower = slowed(lap, _fine(lap), constraints.limits, 0.0)
-            best = slower if best is None else min(best, slower, key=lambda each: each.lap.duration)
-            if slower.lap.duration <= (1.0 + _NEGLIGIBLE) * lap.duration:
-                break
-        missed = {name: _BEYOND * each for name, each in fine.excesses().items()}
+        fine = LapSamples.of(lap, _fine(lap, rate=_CHECK), limits, 0.0)
+        if fine.excess() <= 0.0:
+            laps = [lap]
+            break
+        laps.append(lap)
+        excesses = fine.excesses().items()
+        missed = {name: _BEYOND * each + _MORE if each > 0.0 else 0.0 for name, each in excesses}
         aimed = search.constraints.limits.tightened(missed)
         search.constraints = dc.replace(constraints, limits=aimed)
         now, more = search.improve(LapSamples.of(lap, search.grid, aimed, 0.0), True, _LAST)
         lap, iterations = now.lap, iterations + more
-    if best is None:
+    slower = []
+    for each in laps:
+        with contextlib.suppress(TrajectoryOptimizationError):
+            slower.append(slowed(each, _fine(each, rate=_CHECK), limits, 0.0))
+    if not slower:
         raise TrajectoryOptimizationError("No flight of this course keeps its limits.")
-    return best, iterations
+    return min(slower, key=lambda each: each.lap.duration), iterations
 
 
-def _fine(lap: LapSpline, count: int = 1) -> Grid:
-    """Returns a grid of _RATE, or more, whose legs have a multiple of so many steps."""
-    steps = count * int(np.ceil(_RATE * lap.durations.max() / count))
+def _fine(lap: LapSpline, count: int = 1, rate: float = _RATE) -> Grid:
+    """Returns a grid of a rate (Hz), or more, whose legs have a multiple of so many steps."""
+    steps = count * int(np.ceil(rate * lap.durations.max() / count))
     return Grid(lap.pieces, steps + 1, to_end=True)
 
 

@@ -15,6 +15,7 @@ from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_course import plan_optimal_course
 from airrace.vehicle import GRAVITY, load_vehicle
+from tests.worlds import cases
 
 VEHICLE = load_vehicle("Default")[0]
 RATES = (15.0, 15.0, 3.0)  # rad/s
@@ -89,6 +90,19 @@ def test_states_of_so_many_a_leg_are_those_of_the_others():
     assert few.times[10::10] == pytest.approx(dive().gate_times[1:])
     at = [np.interp(few.times, all_of_them.times, row) for row in all_of_them.positions]
     np.testing.assert_allclose(few.positions, at, atol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", cases.first([3, *range(3), *range(4, 10)]))
+def test_courses_anywhere_come_near_to_what_a_point_mass_does(seed):
+    """Waypoints near each other and far, level and steep, with turns back."""
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=(rng.integers(3, 7), 3)) * [6.0, 6.0, 2.0]
+    places = np.cumsum(steps, axis=0) + [5.0, 0.0, 6.0]
+    places[:, 2] = np.clip(places[:, 2], 2.0, 12.0)
+    ends = [0.0, 0.0, 2.0], places[-1]
+    course = plan_optimal_course(GateRegions.balls(places[:-1], None, 0.5, between=ends), FREE)
+    assert course.duration < 1.15 * course.bound
 
 
 def test_of_flights_that_exceed_a_little_the_one_is_kept_that_loses_least():

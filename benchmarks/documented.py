@@ -42,6 +42,10 @@ BENCHMARKS = {
         *("at_the_limit", "--levels", "1", "2", "3", "--runs", "2", "--laps", "4"),
         *("--workers", "{workers}"),
     ),
+    "at_the_limit_pixels": (
+        *("at_the_limit", "--pixels", "--only", "all parts", "--levels", "2", "3"),
+        *("--runs", "10", "--laps", "4", "--speed-runs", "1", "--workers", "{workers}"),
+    ),
     "betaflight": ("betaflight",),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),

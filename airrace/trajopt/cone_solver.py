@@ -1,11 +1,21 @@
 """The solver of convex programs with second-order cones: Clarabel."""
 
+import logging
+
 from pydrake.solvers import (
     ClarabelSolver,
     MathematicalProgram,
     MathematicalProgramResult,
     SolverOptions,
 )
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """Whether a message says more than how a program ended, which the result says, too."""
+    return not record.getMessage().startswith("Clarabel returns")
+
+
+logging.getLogger("drake").addFilter(_is_news)
 
 
 def solve_cones(program: MathematicalProgram, **tolerances: float) -> MathematicalProgramResult:

@@ -1,5 +1,7 @@
 """The solver of programs with second-order cones."""
 
+import logging
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -39,3 +41,17 @@ def test_what_cannot_be_solved_is_no_success():
 def test_an_option_that_is_none_is_refused():
     with pytest.raises(RuntimeError, match="tol_bogus"):
         solve_cones(MathematicalProgram(), tol_bogus=1.0)
+
+
+def test_how_a_program_ended_is_told_by_its_result_alone(caplog):
+    """Drake tells what went wrong, too, amid a progress bar; what else it tells is left."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(1)
+    program.AddBoundingBoxConstraint(1.0, 2.0, x)
+    program.AddBoundingBoxConstraint(3.0, 4.0, x)
+    program.AddLinearCost(x[0])
+    with caplog.at_level("INFO", "drake"):
+        assert not solve_cones(program).is_success()
+        for words in ("Clarabel returns InsufficientProgress", "Meshcat listens"):
+            logging.getLogger("drake").info(words)
+    assert [record.getMessage() for record in caplog.records] == ["Meshcat listens"]

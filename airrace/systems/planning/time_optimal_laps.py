@@ -78,7 +78,7 @@ class TimeOptimalLaps(Laps):
             shares = np.unique(np.maximum(limits.thrust_share, asked))
         joins = [k for k in joins if k < len(circuit.headings)]
         # Where the new lap is far from the old one, that is no guess.
-        guesses = [(k, guess) for guess in dict.fromkeys((old, None)) for k in joins]
+        guesses = [(k, guess) for guess in ((old, None) if old else (None,)) for k in joins]
         for share in shares:
             constraints = dc.replace(constraints, limits=dc.replace(limits, thrust_share=share))
             found = []  # with what is lost on them (s)

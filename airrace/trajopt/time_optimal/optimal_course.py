@@ -137,20 +137,20 @@ def _kept(lap: LapSpline, search: LapSearch) -> tuple[LapSamples, int]:
     Slowing would be no cure: where the thrust nearly vanishes, a slower flight turns quicker, and
     to be rid of a thousandth of the rate may take a tenth of the time. It is the last resort.
     """
-    constraints, iterations, laps = search.constraints, 0, []
+    constraints, iterations, laps = search.constraints, 0, [lap]
     limits = constraints.limits
-    for _ in range(_ROUNDS):
+    while len(laps) <= _ROUNDS:
         fine = LapSamples.of(lap, _fine(lap, rate=_CHECK), limits, 0.0)
         if fine.excess() <= 0.0:
             laps = [lap]
             break
-        laps.append(lap)
         excesses = fine.excesses().items()
         missed = {name: _BEYOND * each + _MORE if each > 0.0 else 0.0 for name, each in excesses}
         aimed = search.constraints.limits.tightened(missed)
         search.constraints = dc.replace(constraints, limits=aimed)
         now, more = search.improve(LapSamples.of(lap, search.grid, aimed, 0.0), True, _LAST)
         lap, iterations = now.lap, iterations + more
+        laps.append(lap)
     slower = []
     for each in laps:
         with contextlib.suppress(TrajectoryOptimizationError):

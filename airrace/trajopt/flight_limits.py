@@ -24,8 +24,8 @@ class FlightLimits:
     idle_share: float = 0.0  #: likewise, at least
     max_speed: float = np.inf  #: m/s
     max_acceleration: float = np.inf  #: without gravity (m/s^2)
-    max_rate: float = 20.0  #: of the body's angular velocity (rad/s)
-    max_axis_rates: tuple = (np.inf,) * 3  #: likewise, about each of the body's axes (rad/s)
+    max_rate: float = 20.0  #: of the body's angular velocity, its norm (rad/s)
+    max_axis_rates: tuple = (np.inf,) * 3  #: besides, about each of the body's axes (rad/s)
     #: Vertical component of the thrust over mass (m/s^2); the drone never points down, and a
     #: heading always has a meaning. -inf for a drone that may fly upside down.
     min_lift: float = 0.5 * GRAVITY

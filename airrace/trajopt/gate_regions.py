@@ -125,9 +125,10 @@ class Region(Immutable):
 class GateRegions:
     """The gates of a lap, in racing order, and where each is crossed.
 
-    Build it with windows() or balls(), or with of_regions() for gates of any kind. Start and goal
-    of an open course are its first and its last gate. A gate may come twice, and from behind with
-    the opposite heading.
+    Build it with windows() or balls(), or with of_regions() for gates of any kind. A region is
+    where the drone's centre may be, so it is smaller than the opening. Start and goal of an open
+    course are its first and its last gate. A gate may come twice, and from behind with the opposite
+    heading.
     """
 
     regions: tuple  #: a Region each
@@ -199,9 +200,14 @@ class GateRegions:
             between: start and goal of an open course, (2, 3) m; None for a lap.
 
         Raises:
-            TrajectoryOptimizationError: if there are too few, or two that follow each other
-                coincide.
+            TrajectoryOptimizationError: if there are too few, two that follow each other
+                coincide, or there are not as many headings as gates.
         """
+        if headings is not None and np.shape(headings) != (len(regions),):
+            raise TrajectoryOptimizationError(
+                f"There must be one heading a gate, {len(regions)}, or None, "
+                f"not {np.size(headings)}."
+            )
         most_off = np.pi if headings is None else MAX_CROSSING_ANGLE
         headings = _unwrapped(np.zeros(len(regions)) if headings is None else headings)
         if between is not None:

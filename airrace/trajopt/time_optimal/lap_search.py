@@ -184,6 +184,6 @@ class LapSearch:
         if lack > _TOO_NEAR:
             clearance = np.min(self.constraints.clearance, initial=np.inf)
             raise TrajectoryOptimizationError(
-                f"No lap found keeps {clearance:.2f} m clear of all pylons and of "
-                f"the ground; the best lacks {lack:.2f} m."
+                f"No flight found keeps {clearance:.2f} m clear of all pylons and the least "
+                f"height of {self.constraints.min_height:.2f} m; the best lacks {lack:.2f} m."
             )

@@ -19,6 +19,7 @@ from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_lap import PRECISION, first_lap, refined_lap
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
+from airrace.vehicle.vehicle import checked_vehicle
 
 # Pieces of each leg's spline, and when the search with so many ends: one after the other.
 STAGES = ((8, Effort(60, 1e-3, samples=32)), (12, Effort(20, 1e-3, samples=80)))
@@ -26,6 +27,7 @@ _FIRMNESS = 100.0  # of the search: courses may have short legs among long ones
 # Of the search within tighter limits, for what lies between its samples.
 _ROUNDS, _LAST = 6, Effort(1, 5e-4, caution=100.0)
 _BEYOND, _MORE = 1.2, 5e-4  # times what is exceeded, and that much more
+_NEARLY = np.deg2rad(0.5)  # of a heading
 _RATE, _CHECK = 1000.0, 2000.0  # Hz, of states, and of the last check
 
 
@@ -96,16 +98,23 @@ def plan_optimal_course(
 
     The search is that of plan_optimal_circuit(). The drone may tilt beyond 90 degrees if
     limits.min_lift is -inf, and need not see the next gate if constraints.half_view is pi.
-    It starts with its x axis along x, and ends with any heading.
+    It starts with its x axis along x, and ends with any heading. At both ends it has no velocity
+    and no angular velocity, but may have any thrust. A flight is one of the drone's centre, so
+    gates are to be smaller than they are by as much as its frame needs. It takes some ten seconds.
 
     Args:
-        gates: made with their argument ``between``, the places of start and goal.
+        gates: made with their argument ``between``, the places of start and goal. The search
+            starts from a flight along the chords from gate to gate. So where it has to turn back
+            to cross a gate as its heading says, there are to be balls before and behind it, too.
         constraints: to keep, with ``min_height`` below start and goal.
         stages: of the search, see STAGES.
 
     Raises:
         TrajectoryOptimizationError: if there is no such flight, or none was found.
+        UserError: if the limits are of a vehicle that cannot be, see Vehicle.check().
     """
+    limits = constraints.limits
+    checked_vehicle(limits.vehicle, limits.vehicle.name)
     constraints.check()
     if gates.is_closed:
         raise TrajectoryOptimizationError("A course is open: name its start and its goal.")
@@ -114,7 +123,6 @@ def plan_optimal_course(
             f"The start or the goal is below {constraints.min_height} m, the least height."
         )
     bound = point_mass_bound(gates, constraints, **PRECISION)  # type: ignore[arg-type]
-    limits = constraints.limits
     searches = [
         LapSearch(gates, 0.0, constraints, Grid(pieces, effort.samples, to_end=True), _FIRMNESS)
         for pieces, effort in stages
@@ -127,7 +135,21 @@ def plan_optimal_course(
         lap, iterations = now.lap, iterations + more
     best, more = _kept(now.lap, search)
     search.require_clear(best)
+    _require_forward(best.lap, gates)
     return CourseFlight(best.lap, limits, bound.duration, iterations + more)
+
+
+def _require_forward(lap: LapSpline, gates: GateRegions) -> None:
+    """Raises TrajectoryOptimizationError if a gate is not crossed as its heading says."""
+    v = lap.gates[1:-1, 1, :3]
+    along = np.sum(v * gates.forward[1:-1], axis=1)
+    off = np.arccos(np.clip(along / np.maximum(np.linalg.norm(v, axis=1), 1e-12), -1.0, 1.0))
+    for i in np.flatnonzero(off > gates.most_off + _NEARLY):
+        raise TrajectoryOptimizationError(
+            f"The flight found crosses gate {i + 1} by {np.rad2deg(off[i]):.0f} degrees off its "
+            f"heading, and may by {np.rad2deg(gates.most_off):.0f}. If it has to turn back there, "
+            "name a ball before the gate and one behind it, too."
+        )
 
 
 def _kept(lap: LapSpline, search: LapSearch) -> tuple[LapSamples, int]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from airrace.common.errors import UserError
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, Region
@@ -25,8 +26,8 @@ LIMITS = FlightLimits(VEHICLE, max_rate=np.inf, max_axis_rates=RATES, min_lift=-
 FREE = FlightConstraints((), 0.0, LIMITS, half_view=np.pi, min_height=MIN_HEIGHT)
 
 
-def balls(places=DIVE, between=(START, GOAL)):
-    return GateRegions.balls(places, None, RADIUS, between=between)
+def balls(places=DIVE, between=(START, GOAL), headings=None):
+    return GateRegions.balls(places, headings, RADIUS, between=between)
 
 
 @functools.cache
@@ -157,6 +158,7 @@ def test_a_gate_may_come_twice_from_behind_and_tilted():
         (balls, {"min_lift": np.nan}, "min_lift"),
         (balls, {"clearance": np.nan}, "clearance"),
         (balls, {"min_height": np.nan}, "min_height"),
+        (lambda: balls(headings=[0.0]), {}, "one heading a gate, 3, or None, not 1"),
     ],
 )
 def test_what_cannot_be_is_refused(gates, changes, reason):
@@ -170,3 +172,27 @@ def test_what_cannot_be_is_refused(gates, changes, reason):
 def test_a_start_below_the_least_height_is_refused():
     with pytest.raises(TrajectoryOptimizationError, match="start"):
         plan_optimal_course(balls(between=([0.0, 0.0, 0.2], GOAL)), FREE)
+
+
+def test_a_vehicle_that_cannot_be_is_refused():
+    rotors = [dc.replace(rotor, direction="CW") for rotor in VEHICLE.rotors]
+    limits = dc.replace(LIMITS, vehicle=dc.replace(VEHICLE, rotors=rotors))
+    with pytest.raises(UserError, match="direction of rotor 1"):
+        plan_optimal_course(balls(), dc.replace(FREE, limits=limits))
+
+
+def test_a_gate_that_has_to_be_flown_round_needs_places_before_and_behind_it():
+    gate = Region.window([6.0, 0.0, 2.0], np.pi, 0.7, 0.7)
+    between = [0.0, 0.0, 1.5], [12.0, 0.0, 1.5]
+
+    def planned(regions):
+        gates = GateRegions.of_regions(regions, [np.pi] * len(regions), between=between)
+        return plan_optimal_course(gates, FREE, ((6, Effort(10)),))
+
+    with pytest.raises(TrajectoryOptimizationError, match="gate 1 by 180 degrees off its heading"):
+        planned([gate])
+    before, behind = (Region.ball([x, 0.0, 2.0], 0.5) for x in (7.5, 4.5))
+    course = planned([before, gate, behind])
+    states = course.states()
+    at = np.argmin(abs(states.times - course.gate_times[2]))
+    assert states.velocities[0, at] < -3.0

@@ -83,10 +83,11 @@ def _laps(result: RaceJson) -> pd.DataFrame:
         (
             *(lap["lap"], plan and plan["number"], lap["start_s"], lap["time_s"]),
             plan["duration_s"] if plan else np.nan,
+            lap.get("waited_s", 0.0),
             *(lap["max_speed"], max(lap["gate_offsets_m"]), lap["map_rms_m"]),
         )
         for lap in result["laps"]
         for plan in (lap["plan"],)
     ]
-    names = ("lap", "plan", "start", "duration", "planned", "max_speed", "worst_offset", "map_rms")
-    return pd.DataFrame(rows, columns=names).astype({"plan": "Int64", "map_rms": float})
+    names = "lap plan start duration planned waited max_speed worst_offset map_rms"
+    return pd.DataFrame(rows, columns=names.split()).astype({"plan": "Int64", "map_rms": float})

@@ -57,7 +57,8 @@ class Run:
     plan_samples   its entry and its circuit, every 0.02 s
     events         what the explorer and the referee said
     crossings      a row a gate that counted
-    laps           as in race.json; ``plan`` is the number of the plan that was flown
+    laps           as in race.json; ``plan`` is the number of the plan that was flown, ``waited``
+                   for how long (s) its clock waited for the drone
     ============== ==================================================================
 
     All is SI, in the world frame unless it says otherwise, angles in rad. ``lap`` is

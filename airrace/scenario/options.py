@@ -93,8 +93,8 @@ class DroneOptions(ScenarioOptions):
     level: Annotated[Literal[0, 1, 2, 3, 4] | None, Parameter(group=RACE)] = None
     (
         "how difficult the race is; each level adds to the one before: 0 = no noise; 1 = noise and "
-        "a realistic camera; 2 = a drone that is not quite as its file says; 3 = drag, wind and a harsh "
-        "camera; 4 = gates that move between laps. Short for --scenario_file levels "
+        "a realistic camera; 2 = a drone that is not quite as its file says; 3 = drag, wind and a "
+        "harsh camera; 4 = gates that move between laps. Short for --scenario_file levels "
         "--scenario_name Level<N>"
     )
 

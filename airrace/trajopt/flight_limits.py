@@ -55,7 +55,7 @@ class FlightLimits:
                 raise TrajectoryOptimizationError(
                     f"{name} must be positive, not {getattr(self, name)}."
                 )
-        if len(self.max_axis_rates) != 3 or not all(rate > 0.0 for rate in self.max_axis_rates):
+        if np.shape(self.max_axis_rates) != (3,) or not min(self.max_axis_rates) > 0.0:
             raise TrajectoryOptimizationError(
                 f"max_axis_rates must be three positive numbers, not {self.max_axis_rates}."
             )
@@ -111,8 +111,13 @@ class FlightConstraints:
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
         self.limits.check()
-        if not np.isfinite(np.asarray(self.pylons, float)).all():
-            raise TrajectoryOptimizationError("The place of a pylon is not finite.")
+        pylons = np.asarray(self.pylons, float)
+        if pylons.size and pylons.shape[1:] != (2,) or not np.isfinite(pylons).all():
+            raise TrajectoryOptimizationError("A pylon's place is not two finite numbers.")
+        if np.shape(self.clearance) not in ((), (len(pylons),)):
+            raise TrajectoryOptimizationError(
+                f"clearance must be one number, or one for each of {len(pylons)} pylons."
+            )
         if np.isnan(self.min_height) or not np.all(np.asarray(self.clearance) >= 0.0):
             raise TrajectoryOptimizationError(
                 "min_height must be a number, and clearance one that is not negative."

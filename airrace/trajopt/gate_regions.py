@@ -35,8 +35,14 @@ class Region(Immutable):
         """Checks that there are such points.
 
         Raises:
-            TrajectoryOptimizationError: if a size is negative or no number.
+            TrajectoryOptimizationError: if a size is negative or no number, or shapes are others.
         """
+        k = len(self.A)
+        shapes = [(3,), (k, 3), (k,), (k,)]
+        if [np.shape(each) for each in (self.midpoint, self.A, self.low, self.high)] != shapes:
+            raise TrajectoryOptimizationError(
+                "A gate needs a midpoint of three numbers, and a low and a high for each row of A."
+            )
         sizes = np.append(self.radius, self.high - self.low)
         if not (sizes >= 0.0).all() or not np.isfinite(self.A).all():
             raise TrajectoryOptimizationError(
@@ -153,8 +159,7 @@ class GateRegions:
             half_width, half_height: of the rectangle, a number or (n,) m.
             between: see of_regions().
         """
-        n = len(midpoints)
-        sizes = np.column_stack([np.full(n, half_width, float), np.full(n, half_height, float)])
+        sizes = np.column_stack([_each(size, midpoints) for size in (half_width, half_height)])
         for i in np.flatnonzero(~(sizes >= 0.0).all(axis=1)):
             raise TrajectoryOptimizationError(
                 f"Gate {i + 1} leaves no room between its pylons; the vehicle is too large "
@@ -181,8 +186,7 @@ class GateRegions:
             between: see of_regions().
         """
         midpoints = np.asarray(midpoints, float)
-        radii = np.full(len(midpoints), radius, float)
-        balls = [Region.ball(p, r) for p, r in zip(midpoints, radii)]
+        balls = [Region.ball(p, r) for p, r in zip(midpoints, _each(radius, midpoints))]
         return cls.of_regions(balls, headings, between)
 
     @classmethod
@@ -201,16 +205,15 @@ class GateRegions:
 
         Raises:
             TrajectoryOptimizationError: if there are too few, two that follow each other
-                coincide, or there are not as many headings as gates.
+                coincide, or there are not as many headings as gates, or not a start and a goal.
         """
-        if headings is not None and np.shape(headings) != (len(regions),):
-            raise TrajectoryOptimizationError(
-                f"There must be one heading a gate, {len(regions)}, or None, "
-                f"not {np.size(headings)}."
-            )
         most_off = np.pi if headings is None else MAX_CROSSING_ANGLE
-        headings = _unwrapped(np.zeros(len(regions)) if headings is None else headings)
+        headings = _unwrapped(_each(0.0 if headings is None else headings, regions))
         if between is not None:
+            if np.shape(between) != (2, 3):
+                raise TrajectoryOptimizationError(
+                    "between needs a start and a goal, of three numbers each."
+                )
             start, goal = (Region.ball(end, 0.0) for end in np.array(between, float))
             regions = start, *regions, goal
             headings = np.pad(headings, 1, mode="edge") if len(headings) else np.zeros(2)
@@ -279,6 +282,16 @@ class GateRegions:
     def nearest(self, points: np.ndarray) -> np.ndarray:
         """Returns the points of the regions that are nearest to some points, (n, 3) m."""
         return np.array([each.nearest(point) for each, point in zip(self.regions, points)])
+
+
+def _each(values: ArrayLike, gates: Sequence | np.ndarray) -> np.ndarray:
+    """Returns a value for each gate, (n,), of one for all or for each; or raises."""
+    if np.shape(values) not in ((), (len(gates),)):
+        raise TrajectoryOptimizationError(
+            f"There must be one heading or size for each of {len(gates)} gates, "
+            f"not {np.size(values)}."
+        )
+    return np.full(len(gates), values, float)
 
 
 def _unwrapped(headings: ArrayLike) -> np.ndarray:

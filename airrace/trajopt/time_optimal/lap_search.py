@@ -37,6 +37,7 @@ from airrace.trajopt.time_optimal.path_terms import (
     keep_clear,
     proximal_cost,
     shortfall,
+    sideways,
     stretch_cost,
 )
 from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
@@ -50,7 +51,7 @@ _ANGLE_WEIGHT = 1e-4
 # Costs of what a step cannot avoid: s per rad, per m, per m/s. Laps are compared by
 # the worst of each, at lower costs: steps aim at none, and miss a little.
 _VIEW_COST, _CLEARANCE_COST, _FORWARD_COST = 10.0, 20.0, 1.0
-_VIEW_MERIT, _CLEARANCE_MERIT = 3.0, 5.0
+_VIEW_MERIT, _CLEARANCE_MERIT, _FORWARD_MERIT = 3.0, 5.0, 0.5
 _EXCESS_COST, _EXCESS_MERIT = 6.0, 3.0  # likewise of all of a limit, in durations
 _VIEW_MARGIN = np.deg2rad(1.5)  # for what lies between samples
 _TOO_NEAR = 0.05  # m, that no lap may lack
@@ -173,6 +174,9 @@ class LapSearch:
         """Returns what a lap takes and what it lacks (s); less is better."""
         lack = shortfall(samples.lap, self.constraints)
         merit = samples.lap.duration + _CLEARANCE_MERIT * lack
+        # Transitions, whose ends are in motion, are refused instead: several are tried.
+        if samples.lap.can_be_slowed:
+            merit += _FORWARD_MERIT * sideways(samples.lap, self.gates)
         merit += _VIEW_MERIT * out_of_view(samples, self.gates, self.view)
         if not samples.lap.is_closed:
             merit += _EXCESS_MERIT * samples.lap.duration * max(samples.excess(), 0.0)

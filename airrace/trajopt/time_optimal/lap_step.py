@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.time_optimal.dynamics import LinearDynamics
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline
@@ -38,7 +39,14 @@ class LapStep:
     """
 
     def __init__(self, samples: LapSamples, grid: Grid):
-        """Args: samples: of the lap to start from. grid: of the samples."""
+        """Constructs the program of a step.
+
+        Args: samples: of the lap to start from. grid: of the samples.
+
+        Raises:
+            TrajectoryOptimizationError: if the thrust turns over at a point, as on a straight way
+                down, and so has no direction there.
+        """
         self.lap, self.samples, self.grid = samples.lap, samples, grid
         self.dynamics = LinearDynamics.linearize(samples)
         self.program = MathematicalProgram()
@@ -95,6 +103,11 @@ class LapStep:
         # The least rotation that takes the vertical to b turns about b as b moves.
         d_own = (b[1] * k)[:, None, None] * d_force[0] - (b[0] * k)[:, None, None] * d_force[1]
         own_by_T = k * (b[1] * force_by_T[0] - b[0] * force_by_T[1])
+        if not all(np.isfinite(each).all() for each in (gradients, by_T, d_own, own_by_T)):
+            raise TrajectoryOptimizationError(
+                "The thrust of the flight to start from turns over at a point, as on a straight "
+                "way up or down. Move a gate to the side, or name a min_lift above 0."
+            )
         self._axis_turns = []
         for leg in range(len(lap.durations)):
             here = self.of(leg)

@@ -91,6 +91,7 @@ class CourseFlight(Immutable):
         )
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # see LapSamples.excess()
 def plan_optimal_course(
     gates: GateRegions, constraints: FlightConstraints, stages: Sequence = STAGES
 ) -> CourseFlight:
@@ -103,10 +104,11 @@ def plan_optimal_course(
     gates are to be smaller than they are by as much as its frame needs. It takes some ten seconds.
 
     Args:
-        gates: made with their argument ``between``, the places of start and goal. The search
-            starts from a flight along the chords from gate to gate. So where it has to turn back
-            to cross a gate as its heading says, there are to be balls before and behind it, too.
-        constraints: to keep, with ``min_height`` below start and goal.
+        gates: made with their argument ``between``, the places of start and goal. Where
+            a flight has to turn back for a gate's heading, and is not to stop in the gate, there
+            are to be balls before and behind it, too.
+        constraints: to keep, with ``min_height`` below start and goal; that and the clearance
+            from pylons may be 5 cm less.
         stages: of the search, see STAGES.
 
     Raises:
@@ -147,8 +149,8 @@ def _require_forward(lap: LapSpline, gates: GateRegions) -> None:
     for i in np.flatnonzero(off > gates.most_off + _NEARLY):
         raise TrajectoryOptimizationError(
             f"The flight found crosses gate {i + 1} by {np.rad2deg(off[i]):.0f} degrees off its "
-            f"heading, and may by {np.rad2deg(gates.most_off):.0f}. If it has to turn back there, "
-            "name a ball before the gate and one behind it, too."
+            f"heading, and may by {np.rad2deg(gates.most_off):.0f}. Name a ball before the gate "
+            "and one behind it, too."
         )
 
 

@@ -120,6 +120,14 @@ def _from_pylons(place, pylons):
     return away, np.maximum(np.linalg.norm(away, axis=2), 1e-6)
 
 
+def sideways(lap: LapSpline, gates: GateRegions) -> float:
+    """Returns the most that a gate's crossing lacks along its heading (m/s)."""
+    passed = range(0 if lap.is_closed else 1, len(lap.gates) - (not lap.is_closed))
+    v, forward = lap.gates[passed, 1, :3], gates.forward[passed]
+    least = np.cos(gates.most_off) * np.linalg.norm(v, axis=1)
+    return float(np.max(least - np.sum(v * forward, axis=1), initial=0.0))
+
+
 def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
     """Adds that velocities at gates are near enough to their headings, if those matter.
 

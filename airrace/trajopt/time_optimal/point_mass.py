@@ -11,7 +11,7 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.vehicle import GRAVITY
 
-_TRUST = 0.5  # of a duration, and of a speed, at first
+_TRUST, _MOST_TRUST = 0.5, 100.0  # of a duration, and of a speed: at first, and if none is found
 _MISMATCH_COST = 2.0  # s per m/s of difference in velocity at a gate, in the merit
 _NEARNESS_COST, _NEARNESS_MERIT = 4.0, 2.0  # s per metre nearer to a pylon than allowed
 _ITERATIONS = 40
@@ -81,7 +81,7 @@ def point_mass_bound(
     for _ in range(_ITERATIONS):
         found = problem.solve(T, V, trust, speed, near, best)
         if found is None:
-            if trust > 4.0:
+            if trust > _MOST_TRUST:
                 break
             trust *= 2.0
             continue

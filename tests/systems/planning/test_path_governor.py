@@ -108,6 +108,12 @@ def test_rotors_that_are_known_to_be_too_weak_are_waited_for_before_the_drone_is
     assert bench.fly(6.0, 0.0).is_regular
 
 
+def test_so_is_air_that_takes_more_than_the_plan_counts_with():
+    bench = Bench()
+    bench.fix(air=air_vector(Air(3.0, 0.0, np.zeros(3))))
+    assert bench.fly(6.0, 0.0).slowing > 0.1
+
+
 @pytest.mark.parametrize("drag", [0.0, 0.2, 1.0])
 def test_no_force_ahead_is_greater_than_the_rotors_give(drag):
     air, most = Air(drag, 0.0, np.zeros(3)), 25.0

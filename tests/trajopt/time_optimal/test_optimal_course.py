@@ -158,11 +158,16 @@ def test_a_gate_may_come_twice_from_behind_and_tilted():
         (balls, {"min_lift": np.nan}, "min_lift"),
         (balls, {"clearance": np.nan}, "clearance"),
         (balls, {"min_height": np.nan}, "min_height"),
-        (lambda: balls(headings=[0.0]), {}, "one heading a gate, 3, or None, not 1"),
+        (lambda: balls(headings=[0.0, 1.0]), {}, "for each of 3 gates, not 2"),
+        (lambda: balls(between=(START,)), {}, "a start and a goal"),
+        (lambda: balls(DIVE[:, :2]), {}, "three numbers"),
+        (balls, {"clearance": np.ones(2)}, "each of 0 pylons"),
+        (balls, {"pylons": np.ones((1, 3))}, "two finite numbers"),
+        (balls, {"max_axis_rates": 15.0}, "three positive numbers"),
     ],
 )
 def test_what_cannot_be_is_refused(gates, changes, reason):
-    own = {k: v for k, v in changes.items() if k in ("clearance", "min_height")}
+    own = {k: v for k, v in changes.items() if k in ("pylons", "clearance", "min_height")}
     limits = {k: v for k, v in changes.items() if k not in own}
     constraints = dc.replace(FREE, limits=dc.replace(LIMITS, **limits), **own)
     with pytest.raises(TrajectoryOptimizationError, match=reason):
@@ -181,18 +186,52 @@ def test_a_vehicle_that_cannot_be_is_refused():
         plan_optimal_course(balls(), dc.replace(FREE, limits=limits))
 
 
-def test_a_gate_that_has_to_be_flown_round_needs_places_before_and_behind_it():
+def test_a_gate_may_be_behind_the_way_to_it():
     gate = Region.window([6.0, 0.0, 2.0], np.pi, 0.7, 0.7)
     between = [0.0, 0.0, 1.5], [12.0, 0.0, 1.5]
 
-    def planned(regions):
+    def velocity(regions, effort):
         gates = GateRegions.of_regions(regions, [np.pi] * len(regions), between=between)
-        return plan_optimal_course(gates, FREE, ((6, Effort(10)),))
+        course = plan_optimal_course(gates, FREE, ((6, effort),))
+        return course.spline.gates[1 + len(regions) // 2, 1, 0]
 
     with pytest.raises(TrajectoryOptimizationError, match="gate 1 by 180 degrees off its heading"):
-        planned([gate])
+        velocity([gate], Effort(1))
+    assert velocity([gate], Effort(40)) < 0.0  # and hardly that: it stops in the gate
     before, behind = (Region.ball([x, 0.0, 2.0], 0.5) for x in (7.5, 4.5))
-    course = planned([before, gate, behind])
-    states = course.states()
-    at = np.argmin(abs(states.times - course.gate_times[2]))
-    assert states.velocities[0, at] < -3.0
+    assert velocity([before, gate, behind], Effort(10)) < -3.0
+
+
+def test_a_heading_holds_where_the_quickest_way_would_not_keep_it():
+    """From the side, the gate would be crossed at a right angle to its heading."""
+    gates = GateRegions.balls(
+        [[6.0, 0.0, 2.0]], [-np.pi / 4], RADIUS, between=([0.0, 0.0, 1.5], [6.0, 6.0, 1.5])
+    )
+    course = plan_optimal_course(gates, FREE, ((6, Effort(10)),))
+    v = course.spline.gates[1, 1, :2]
+    assert np.rad2deg(np.arctan2(v[1], v[0])) == pytest.approx(15.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "place, changes",
+    [
+        ([6.0, 0.0, 0.1], {}),  # below the least height
+        ([6.0, 0.0, 2.0], {"pylons": np.array([[6.0, 0.0]]), "clearance": 0.6}),
+    ],
+)
+def test_a_gate_that_cannot_be_reached_is_refused(place, changes):
+    gates = balls(np.array([place]), between=(START, [12.0, 0.0, 1.0]))
+    with pytest.raises(TrajectoryOptimizationError, match="the best lacks"):
+        plan_optimal_course(gates, dc.replace(FREE, **changes), ((6, Effort(10)),))
+
+
+def test_a_short_leg_beside_a_long_one():
+    gates = balls(np.array([[1.0, 0.0, 1.0]]), between=(START, [100.0, 0.0, 1.0]))
+    course = plan_optimal_course(gates, FREE, ((6, Effort(10)),))
+    assert course.bound < course.duration < 1.2 * course.bound
+
+
+def test_a_thrust_that_turns_over_at_a_point_is_refused():
+    gates = balls(np.zeros((0, 3)), between=(START, [0.0, 0.0, 1.5]))
+    with pytest.raises(TrajectoryOptimizationError, match="turns over"):
+        plan_optimal_course(gates, FREE)

@@ -222,7 +222,7 @@ def impossible():
         "one gate": ((midpoints[:1], headings[:1]), {}, "two gates"),
         "not a number": ((nan, headings), {"pylons": pylons}, "finite"),
         "pylon not a number": ((midpoints, headings), {"pylons": [[np.nan, 0.0]]}, "finite"),
-        "a gate below ground": ((low, headings), {}, "ground"),
+        "a gate below ground": ((low, headings), {}, "least height"),
         "pylons in a gate": (
             (midpoints, headings),
             {"pylons": [*pylons, *(midpoints[3, :2] + [[0, 0], [2, 0], [-2, 0]])]},

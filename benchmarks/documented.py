@@ -33,7 +33,7 @@ BENCHMARKS = {
     ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "generated_rotor": (
-        *("races", "--only", "generated", "--levels", "1", "2", "3", "--tracks", "100"),
+        *("races", "--only", "generated", "--levels", "1", "2", "3", "--tracks", "200"),
         *("--scenario_text", "{{planner: {{limits: rotor}}}}", "--workers", "{workers}"),
     ),
     "original": ("original", "--workers", "{workers}"),

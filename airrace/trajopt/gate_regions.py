@@ -165,7 +165,7 @@ class GateRegions:
                 f"Gate {i + 1} leaves no room between its pylons; the vehicle is too large "
                 "or its clearance is."
             )
-        headings = _unwrapped(headings)
+        headings = _unwrapped(_each(headings, midpoints))
         windows = [Region.window(p, h, *size) for p, h, size in zip(midpoints, headings, sizes)]
         return cls.of_regions(windows, headings, between)
 

@@ -60,6 +60,7 @@ def test_windows_are_across_the_heading():
         (MIDPOINTS[[0, 1, 0]], HEADINGS, 1.0),
         (MIDPOINTS, HEADINGS, [1.0, -0.1, 1.0]),
         (np.full_like(MIDPOINTS, np.inf), HEADINGS, 1.0),
+        (MIDPOINTS, HEADINGS[:2], 2.0),
     ],
 )
 def test_impossible_gates_are_refused(midpoints, headings, width):

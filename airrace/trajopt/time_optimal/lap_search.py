@@ -157,7 +157,7 @@ class LapSearch:
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
             step.excess = [step.slack(_EXCESS_COST * now.lap.duration) for _ in range(2)]
-        for i in step.passed:
+        for i in now.lap.passed:
             place = now.lap.gates[i, 0, :3]
             self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)
         limit_dynamics(step, band)

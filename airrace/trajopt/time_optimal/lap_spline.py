@@ -143,6 +143,11 @@ class LapSpline:
         """Index of the gate at the end of every leg, (n,)."""
         return np.arange(1, len(self.durations) + 1) % len(self.gates)
 
+    @property
+    def passed(self) -> range:
+        """Indices of the gates that are passed: not of the ends of an open one."""
+        return range(0 if self.is_closed else 1, len(self.durations))
+
     def coefficients(self) -> np.ndarray:
         """Returns derivatives at both ends in normalised time, and what is between.
 

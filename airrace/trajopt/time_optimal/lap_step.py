@@ -33,7 +33,6 @@ class LapStep:
         lap, samples, grid: to start from, and where it is sampled.
         dynamics: of the samples.
         program: the MathematicalProgram, to be added to.
-        passed: indices of the gates that the step may move; not the ends of an open one.
         excess: two slack()s, by which shares the limit of speed and all other limits of the
             dynamics may be exceeded; empty, unless it is set before they are added.
     """
@@ -64,11 +63,11 @@ class LapStep:
         self._variables = [np.concatenate([np.ravel(part) for part in leg]) for leg in legs]
         if self.lap.is_closed:
             # The angle has another value where the lap ends.
-            last_angle, self.passed = new(1)[0], range(n)
+            last_angle = new(1)[0]
             self._variables[-1][4 * (ORDERS + m) + 3] = last_angle
             self._units = np.sqrt(T * np.roll(T, 1))
         else:
-            last_angle, self.passed = self._gates[-1, 0, 3], range(1, n)
+            last_angle = self._gates[-1, 0, 3]
             for gate, kept in zip(self._gates[[0, -1]], self.lap.kept):
                 self._fix(gate[:, :3][kept[:, :3]], gate[kept[:, 3], 3])
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])

@@ -18,6 +18,7 @@ from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_lap import PRECISION, first_lap, refined_lap
+from airrace.trajopt.time_optimal.path_terms import crossings
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 from airrace.vehicle.vehicle import checked_vehicle
 
@@ -100,8 +101,7 @@ def plan_optimal_course(
     The search is that of plan_optimal_circuit(). The drone may tilt beyond 90 degrees if
     limits.min_lift is -inf, and need not see the next gate if constraints.half_view is pi.
     It starts with its x axis along x, and ends with any heading. At both ends it has no velocity
-    and no angular velocity, but may have any thrust. A flight is one of the drone's centre, so
-    gates are to be smaller than they are by as much as its frame needs. It takes some ten seconds.
+    and no angular velocity, but may have any thrust. Planning takes some ten seconds.
 
     Args:
         gates: made with their argument ``between``, the places of start and goal. Where
@@ -143,9 +143,8 @@ def plan_optimal_course(
 
 def _require_forward(lap: LapSpline, gates: GateRegions) -> None:
     """Raises TrajectoryOptimizationError if a gate is not crossed as its heading says."""
-    v = lap.gates[1:-1, 1, :3]
-    along = np.sum(v * gates.forward[1:-1], axis=1)
-    off = np.arccos(np.clip(along / np.maximum(np.linalg.norm(v, axis=1), 1e-12), -1.0, 1.0))
+    speeds, along = crossings(lap, gates)
+    off = np.arccos(np.clip(along / np.maximum(speeds, 1e-12), -1.0, 1.0))
     for i in np.flatnonzero(off > gates.most_off + _NEARLY):
         raise TrajectoryOptimizationError(
             f"The flight found crosses gate {i + 1} by {np.rad2deg(off[i]):.0f} degrees off its "

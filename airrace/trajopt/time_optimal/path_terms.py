@@ -120,12 +120,16 @@ def _from_pylons(place, pylons):
     return away, np.maximum(np.linalg.norm(away, axis=2), 1e-6)
 
 
+def crossings(lap: LapSpline, gates: GateRegions) -> tuple[np.ndarray, np.ndarray]:
+    """Returns speeds at the gates that are passed, and along their headings, (k,) m/s each."""
+    v = lap.gates[lap.passed, 1, :3]
+    return np.linalg.norm(v, axis=1), np.sum(v * gates.forward[lap.passed], axis=1)
+
+
 def sideways(lap: LapSpline, gates: GateRegions) -> float:
     """Returns the most that a gate's crossing lacks along its heading (m/s)."""
-    passed = range(0 if lap.is_closed else 1, len(lap.gates) - (not lap.is_closed))
-    v, forward = lap.gates[passed, 1, :3], gates.forward[passed]
-    least = np.cos(gates.most_off) * np.linalg.norm(v, axis=1)
-    return float(np.max(least - np.sum(v * forward, axis=1), initial=0.0))
+    speeds, along = crossings(lap, gates)
+    return float(np.max(np.cos(gates.most_off) * speeds - along, initial=0.0))
 
 
 def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
@@ -134,7 +138,7 @@ def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
     Args: cost: of a wrong speed (s per m/s).
     """
     most = 1.0 / np.cos(gates.most_off)
-    for i in step.passed if gates.most_off < np.pi else ():
+    for i in step.lap.passed if gates.most_off < np.pi else ():
         forward = gates.forward[i]
         variables, unit = step.at_gate(i, 1)
         A = np.zeros((4, 4))
